@@ -1,0 +1,86 @@
+"""What a bundle says about its policy: the records of ``manifest.json``, SI units throughout."""
+
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.weights import Activation
+
+BUNDLE_FORMAT = "cfpg-bundle/1"
+
+
+class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One contiguous piece of the observation vector."""
+
+    name: str
+    size: int
+    unit: str
+
+
+class ActionField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One component of the action, with the limits that the policy was trained under."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The robot that the policy was trained for: its disc and its range sensor."""
+
+    radius_m: float
+    lidar_rays: int
+    lidar_range_m: float
+
+
+class Network(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Shape of the flow network in ``policy.npz``."""
+
+    activation: Activation
+    hidden: tuple[int, ...]
+    prior_std: float | None
+
+
+class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the policy comes from."""
+
+    scenario: str
+    algorithm: str
+    seed: int
+    frames: int
+    commit: str
+    score: float
+    """Unguided success on validation episodes, in [0, 1]."""
+
+
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``manifest.json``: everything the robot must know to run the policy as it was trained."""
+
+    format: str
+    name: str
+    runtime: Literal["numpy", "onnxruntime"]
+    """Who can compute it: ``numpy`` from policy.npz, or ``onnxruntime`` from policy.onnx alone."""
+    observation: tuple[ObservationField, ...]
+    action: tuple[ActionField, ...]
+    control_rate_hz: float
+    euler_steps: int
+    network: Network | None
+    """None where only onnxruntime can express the graph."""
+    dynamics: Dynamics
+    body: Body
+    training: Training | None
+    """None for a policy whose training is not known."""
+    files: dict[str, str]
+    """SHA-256 of each other file of the bundle, in hexadecimal."""
+
+    @property
+    def observation_dim(self) -> int:
+        """Size O of the observation vector."""
+        return sum(field.size for field in self.observation)
+
+    @property
+    def action_dim(self) -> int:
+        """Size d of the action vector."""
+        return len(self.action)

@@ -1,0 +1,1 @@
+"""The workstation side: train policies and write the bundles that robots run."""

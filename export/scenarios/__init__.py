@@ -1,0 +1,1 @@
+"""Training scenarios and what their policies observe, act on and are scored by."""

@@ -1,0 +1,1 @@
+"""The link to firmware: bridges, the simulated plant, the guard."""
