@@ -1,0 +1,150 @@
+"""What a manifest must say for a robot to run it: known fields, their units, finite and ordered numbers."""
+
+import math
+import re
+from typing import Final
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.errors import BundleError
+from edge_runtime.manifest import BUNDLE_FORMAT, Body, Manifest, Network, Training
+
+OBSERVATION_UNITS: Final = {"position": "m", "velocity": "m/s", "goal_offset": "m", "proximity": "m"}
+"""Every observation field that the runtime can compute, with its unit."""
+ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
+"""The action that the dynamics integrate: one force per axis, in this order."""
+GRAPH_FILE: Final = "policy.onnx"
+WEIGHTS_FILE: Final = "policy.npz"
+MAX_EULER_STEPS: Final = 1000
+
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+def observation_size(name: str, body: Body) -> int:
+    """Components of the known observation field ``name``: one per ray for proximity, else x and y."""
+    return body.lidar_rays if name == "proximity" else 2
+
+
+def bundle_files(runtime: str) -> tuple[str, ...]:
+    """Files beside the manifest that a bundle for ``runtime`` has."""
+    return (GRAPH_FILE, WEIGHTS_FILE) if runtime == "numpy" else (GRAPH_FILE,)
+
+
+def check_manifest(manifest: Manifest, source: str) -> None:
+    """Refuse a manifest that no robot could run.
+
+    Args:
+        manifest: the decoded manifest; its types are already right.
+        source: the file to name in errors.
+
+    Raises:
+        BundleError: names the key, what was found and what fits.
+    """
+    rules = _Rules(source)
+    rules.require(manifest.format == BUNDLE_FORMAT, "format", manifest.format, repr(BUNDLE_FORMAT))
+    rules.require(bool(manifest.name.strip()), "name", manifest.name, "a name")
+    rules.positive("control_rate_hz", manifest.control_rate_hz)
+    rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
+    _check_body(rules, manifest.body)
+    _check_dynamics(rules, manifest.dynamics)
+    _check_observation(rules, manifest)
+    _check_action(rules, manifest)
+    _check_network(rules, manifest.runtime, manifest.network)
+    _check_training(rules, manifest.training)
+    _check_files(rules, manifest)
+
+
+class _Rules:
+    """Requirements on the keys of one file."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def require(self, fits: bool, key: str, found: object, wanted: str) -> None:
+        if not fits:
+            raise BundleError(f"{self._source}: {key} is {found!r}, must be {wanted}")
+
+    def positive(self, key: str, value: float) -> None:
+        self.require(math.isfinite(value) and value > 0, key, value, "a finite number above 0")
+
+    def finite(self, key: str, value: float) -> None:
+        self.require(math.isfinite(value), key, value, "a finite number")
+
+    def between(self, key: str, value: float, low: float, high: float) -> None:
+        self.require(low <= value <= high, key, value, f"between {low} and {high}")
+
+
+def _check_body(rules: _Rules, body: Body) -> None:
+    rules.positive("body.radius_m", body.radius_m)
+    rules.require(body.lidar_rays >= 0, "body.lidar_rays", body.lidar_rays, "0 (no sensor) or more")
+    if body.lidar_rays:
+        rules.positive("body.lidar_range_m", body.lidar_range_m)
+    else:
+        rules.require(body.lidar_range_m == 0, "body.lidar_range_m", body.lidar_range_m, "0 without rays")
+
+
+def _check_dynamics(rules: _Rules, dynamics: Dynamics) -> None:
+    rules.positive("dynamics.mass_kg", dynamics.mass_kg)
+    rules.require(0 <= dynamics.drag < 1, "dynamics.drag", dynamics.drag, "at least 0 and below 1")
+    rules.positive("dynamics.dt_s", dynamics.dt_s)
+    rules.require(dynamics.substeps >= 1, "dynamics.substeps", dynamics.substeps, "at least 1")
+
+
+def _check_observation(rules: _Rules, manifest: Manifest) -> None:
+    known = "one of " + ", ".join(OBSERVATION_UNITS)
+    seen: set[str] = set()
+    rules.require(bool(manifest.observation), "observation", [], "a list of fields, each " + known)
+    for index, field in enumerate(manifest.observation):
+        key = f"observation[{index}]"
+        rules.require(field.name in OBSERVATION_UNITS, f"{key}.name", field.name, known)
+        rules.require(field.name not in seen, f"{key}.name", field.name, "named once, it is repeated")
+        seen.add(field.name)
+        unit, size = OBSERVATION_UNITS[field.name], observation_size(field.name, manifest.body)
+        rules.require(field.unit == unit, f"{key}.unit", field.unit, f"{unit!r} for {field.name}")
+        fits = field.size == size and size > 0
+        rules.require(fits, f"{key}.size", field.size, _wanted_size(field.name, size))
+
+
+def _wanted_size(name: str, size: int) -> str:
+    if name != "proximity":
+        return f"{size} for {name}"
+    return f"{size} for proximity (body.lidar_rays)" if size else "left out, body.lidar_rays is 0"
+
+
+def _check_action(rules: _Rules, manifest: Manifest) -> None:
+    found = {field.name: field.unit for field in manifest.action}
+    in_order = [field.name for field in manifest.action] == list(ACTION_UNITS)
+    wanted = ", ".join(f"{name} in {unit}" for name, unit in ACTION_UNITS.items())
+    rules.require(in_order and found == ACTION_UNITS, "action", found, f"in order {wanted}")
+    for index, field in enumerate(manifest.action):
+        rules.finite(f"action[{index}].low", field.low)
+        rules.finite(f"action[{index}].high", field.high)
+        rules.require(
+            field.low < field.high, f"action[{index}].low", field.low, f"below its high, {field.high}"
+        )
+
+
+def _check_network(rules: _Rules, runtime: str, network: Network | None) -> None:
+    if runtime == "onnxruntime":
+        rules.require(network is None, "network", network, "null for runtime 'onnxruntime'")
+        return
+    rules.require(network is not None, "network", None, "given for runtime 'numpy'")
+    assert network is not None
+    widths_fit = bool(network.hidden) and all(width >= 1 for width in network.hidden)
+    rules.require(widths_fit, "network.hidden", network.hidden, "one width or more, each at least 1")
+    if network.prior_std is not None:
+        rules.positive("network.prior_std", network.prior_std)
+
+
+def _check_training(rules: _Rules, training: Training | None) -> None:
+    if training is not None:
+        rules.require(training.frames >= 0, "training.frames", training.frames, "at least 0")
+        rules.between("training.score", training.score, 0, 1)
+
+
+def _check_files(rules: _Rules, manifest: Manifest) -> None:
+    wanted = bundle_files(manifest.runtime)
+    fits = sorted(manifest.files) == sorted(wanted)
+    rules.require(fits, "files", sorted(manifest.files), f"{', '.join(wanted)} for {manifest.runtime!r}")
+    for name, digest in manifest.files.items():
+        fits = _SHA256.fullmatch(digest) is not None
+        rules.require(fits, f"files.{name}", digest, "a SHA-256 of 64 hexadecimal digits")

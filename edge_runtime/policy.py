@@ -1,0 +1,182 @@
+"""The velocity field of a flow policy and its Jacobian, computed together in numpy.
+
+Forward mode: every layer multiplies one matrix whose rows are the values of all B inputs followed by
+their d tangents, so a layer costs one product. What depends on the observation is computed once a tick,
+what depends on flow time once at load.
+"""
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.errors import PolicyError
+from edge_runtime.weights import Array, FlowWeights
+
+
+class VelocityField(Protocol):
+    """What guidance needs of a policy, whoever computes it."""
+
+    backend: str
+    batch: int
+    euler_steps: int
+    action_dim: int
+    observation_dim: int
+
+    def observe(self, observation: npt.ArrayLike) -> None:
+        """Set the observations (B, O) for the coming steps."""
+        ...
+
+    def step(self, k: int, action: npt.ArrayLike) -> Array:
+        """Evaluate at flow time k / T.
+
+        Args:
+            k: Euler step, 0 <= k < T.
+            action: (B, d) current actions along the flow.
+
+        Returns:
+            (1 + d, B, d), valid until the next call: [0] is the velocity v, [1 + j] is dv/da_j.
+        """
+        ...
+
+
+class _Layer:
+    """Buffers of one hidden layer: rows are B values, then d times B tangents, padded."""
+
+    def __init__(self, rows: int, batch: int, action_dim: int, width: int, extra: int) -> None:
+        tangents = slice(batch, batch * (1 + action_dim))
+        self.before = np.zeros((rows, width), np.float32)
+        self.before_value = self.before[:batch]
+        self.before_tangent = self.before[tangents].reshape(action_dim, batch, width)
+        # The extra columns multiply the next layer's bias (and the prior field): no separate addition.
+        self.after = np.zeros((rows, width + extra), np.float32)
+        self.after[:batch, width] = 1.0
+        self.after_value = self.after[:batch, :width]
+        self.after_tangent = self.after[tangents].reshape(action_dim, batch, width + extra)[..., :width]
+        self.gate = np.empty((batch, width), np.float32)
+        self.slope = np.empty((batch, width), np.float32)
+
+
+class FlowPolicy:
+    """v_theta(a, tau | o) and dv/da for B inputs at once (paper, section II; DESIGN: forward mode).
+
+    Args:
+        weights: the network.
+        euler_steps: T, the number of flow steps that ``step`` is prepared for.
+        batch: B, fixed because every buffer is allocated here.
+
+    Raises:
+        PolicyError: if ``euler_steps`` or ``batch`` is below one.
+    """
+
+    backend = "numpy"
+
+    def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1) -> None:
+        if euler_steps < 1 or batch < 1:
+            raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+        self.batch, self.euler_steps = batch, euler_steps
+        self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
+        self._weights = weights
+        self._silu = weights.activation == "silu"
+        # SiLU(x) = u (1 + tanh u) with u = x / 2: the half is folded into every layer that feeds one.
+        half = np.float32(0.5 if self._silu else 1.0)
+        self._half = half
+        tau = np.arange(euler_steps) / euler_steps
+        self._action_rows = np.ascontiguousarray(weights.action * half)
+        self._observation_rows = np.ascontiguousarray(weights.observation * half)
+        self._time_parts = (weights.time_part(tau) * half).astype(np.float32)[:, None, :]
+        self._offsets = np.empty((euler_steps, batch, weights.hidden[0]), np.float32)
+        self._observed = np.empty((batch, weights.hidden[0]), np.float32)
+        self._stacked = [
+            np.vstack([matrix, bias]).astype(np.float32) * half
+            for matrix, bias in zip(weights.matrices[:-1], weights.biases[1:-1], strict=True)
+        ]
+        self._output = [self._output_matrix(float(gain)) for gain in weights.prior_gain(tau)]
+        self._allocate(weights)
+
+    def _output_matrix(self, prior_gain: float) -> Array:
+        """The last layer with its bias and the prior field k(tau) a as further rows."""
+        prior = prior_gain * np.eye(self.action_dim)
+        return np.vstack([self._weights.matrices[-1], self._weights.biases[-1], prior]).astype(np.float32)
+
+    def _allocate(self, weights: FlowWeights) -> None:
+        batch, d = self.batch, self.action_dim
+        rows = batch * (1 + d)
+        rows += -rows % 4 if rows < 8 else 0  # few-row products run faster on whole vector registers
+        last = len(weights.hidden) - 1
+        self._layers = [
+            _Layer(rows, batch, d, width, extra=1 + d if index == last else 1)
+            for index, width in enumerate(weights.hidden)
+        ]
+        # The first layer's tangents before its activation are the action's weight rows themselves.
+        self._layers[0].before_tangent = self._action_rows[:, None, :]
+        final = self._layers[-1].after
+        self._action = final[:batch, -d:]
+        final[batch : batch * (1 + d)].reshape(d, batch, -1)[..., -d:] = np.eye(d)[:, None, :]
+        self._result = np.empty((rows, d), np.float32)
+        self._velocity_and_tangents = self._result[: batch * (1 + d)].reshape(1 + d, batch, d)
+        self._one, self._two = np.float32(1.0), np.float32(2.0)
+
+    def observe(self, observation: npt.ArrayLike) -> None:
+        """Set the observations (B, O) for the coming steps.
+
+        Raises:
+            PolicyError: if the shape is not (B, O).
+        """
+        observation = np.asarray(observation, np.float32)
+        if observation.shape != (self.batch, self.observation_dim):
+            raise PolicyError(
+                f"observation has shape {observation.shape}, this policy takes "
+                f"({self.batch}, {self.observation_dim})"
+            )
+        observation.dot(self._observation_rows, self._observed)
+        np.add(self._time_parts, self._observed, self._offsets)
+
+    def step(self, k: int, action: npt.ArrayLike) -> Array:
+        """Velocity and Jacobian at flow time k / T; see `VelocityField.step`."""
+        self._action[:] = action
+        return self._forward(self._offsets[k], self._output[k])
+
+    def evaluate(self, action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike) -> Array:
+        """Evaluate at any flow time: action (B, d), tau (B,), observation (B, O) -> (1 + d, B, d).
+
+        Slower than ``step`` and independent of ``observe``; for parity checks and analysis.
+        """
+        tau = np.asarray(tau, np.float64)
+        self._action[:] = action
+        observed = np.asarray(observation, np.float32) @ self._observation_rows
+        offset = (observed + self._weights.time_part(tau) * self._half).astype(np.float32)
+        result = self._forward(offset, self._output_matrix(0.0)).copy()
+        gain = self._weights.prior_gain(tau).astype(np.float32)[:, None]
+        result[0] += gain * self._action
+        for j in range(self.action_dim):
+            result[1 + j, :, j] += gain[:, 0]
+        return result
+
+    def _forward(self, offset: Array, output: Array) -> Array:
+        layers = self._layers
+        first = layers[0]
+        self._action.dot(self._action_rows, first.before_value)
+        np.add(first.before_value, offset, first.before_value)
+        self._activate(first)
+        for matrix, previous, layer in zip(self._stacked, layers, layers[1:], strict=False):
+            previous.after.dot(matrix, layer.before)
+            self._activate(layer)
+        layers[-1].after.dot(output, self._result)
+        return self._velocity_and_tangents
+
+    def _activate(self, layer: _Layer) -> None:
+        """The activation's value, and its slope times the tangents, in place."""
+        u, gate, slope = layer.before_value, layer.gate, layer.slope
+        if self._silu:
+            np.tanh(u, gate)
+            np.add(gate, self._one, gate)  # g = 1 + tanh u = 2 sigmoid(x)
+            np.multiply(u, gate, layer.after_value)  # SiLU(x) = u g
+            np.subtract(self._two, gate, slope)
+            np.multiply(slope, layer.after_value, slope)
+            np.add(slope, gate, slope)  # d SiLU / du = g + u g (2 - g)
+        else:
+            np.tanh(u, layer.after_value)
+            np.multiply(layer.after_value, layer.after_value, slope)
+            np.subtract(self._one, slope, slope)
+        np.multiply(layer.before_tangent, slope, layer.after_tangent)

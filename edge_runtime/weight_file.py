@@ -1,0 +1,89 @@
+"""``policy.npz``: the arrays of `FlowWeights`, never pickled, the same bytes for the same weights."""
+
+import io
+import zipfile
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.errors import BundleError
+from edge_runtime.manifest import Manifest
+from edge_runtime.weights import Array, FlowWeights
+
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def pack_weights(weights: FlowWeights) -> bytes:
+    """Write the weights as an uncompressed npz whose time stamps are fixed."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in _named_arrays(weights).items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy", _ZIP_EPOCH), "w") as member:
+                np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def unpack_weights(content: bytes, manifest: Manifest, source: str) -> FlowWeights:
+    """Read the weights that the manifest describes.
+
+    Args:
+        content: bytes of an npz file.
+        manifest: of runtime ``numpy``; states activation, layer sizes and prior.
+        source: the file to name in errors.
+
+    Raises:
+        BundleError: names the array whose presence, type, shape or values do not fit.
+    """
+    network = manifest.network
+    if network is None:
+        raise BundleError(f"{source}: the manifest describes no network for these weights")
+    arrays = _read_arrays(content, source)
+    _check_names(arrays, len(network.hidden), source)
+    _check_arrays(arrays, _shapes(manifest, network.hidden, arrays["time_frequency"].size), source)
+    return FlowWeights(
+        activation=network.activation,
+        action=arrays["action"],
+        observation=arrays["observation"],
+        time=arrays["time"],
+        time_frequency=arrays["time_frequency"],
+        time_phase=arrays["time_phase"],
+        matrices=tuple(arrays[f"matrix_{layer}"] for layer in range(1, len(network.hidden) + 1)),
+        biases=tuple(arrays[f"bias_{layer}"] for layer in range(len(network.hidden) + 1)),
+        prior_std=network.prior_std,
+    )
+
+
+def _named_arrays(weights: FlowWeights) -> dict[str, Array]:
+    return {
+        "action": weights.action,
+        "observation": weights.observation,
+        "time": weights.time,
+        "time_frequency": weights.time_frequency,
+        "time_phase": weights.time_phase,
+        **{f"matrix_{layer}": matrix for layer, matrix in enumerate(weights.matrices, start=1)},
+        **{f"bias_{layer}": bias for layer, bias in enumerate(weights.biases)},
+    }
+
+
+def _read_arrays(content: bytes, source: str) -> dict[str, npt.NDArray[np.generic]]:
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise BundleError(f"{source}: not a readable npz archive of plain arrays ({error})") from error
+
+
+def _shapes(manifest: Manifest, hidden: tuple[int, ...], frequencies: int) -> dict[str, tuple[int, ...]]:
+    widths = (*hidden, manifest.action_dim)
+    shapes: dict[str, tuple[int, ...]] = {
+        "action": (manifest.action_dim, hidden[0]),
+        "observation": (manifest.observation_dim, hidden[0]),
+        "time": (1 + frequencies, hidden[0]),
+        "time_frequency": (frequencies,),
+        "time_phase": (frequencies,),
+    }
+    for layer, width in enumerate(widths):
+        shapes[f"bias_{layer}"] = (width,)
+        if layer:
+            shapes[f"matrix_{layer}"] = (widths[layer - 1], width)
+    return shapes
