@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Final
+from typing import Final, NoReturn
 
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BundleError
@@ -59,9 +59,12 @@ class _Rules:
     def __init__(self, source: str) -> None:
         self._source = source
 
+    def refuse(self, key: str, found: object, wanted: str) -> NoReturn:
+        raise BundleError(f"{self._source}: {key} is {found!r}, must be {wanted}")
+
     def require(self, fits: bool, key: str, found: object, wanted: str) -> None:
         if not fits:
-            raise BundleError(f"{self._source}: {key} is {found!r}, must be {wanted}")
+            self.refuse(key, found, wanted)
 
     def positive(self, key: str, value: float) -> None:
         self.require(math.isfinite(value) and value > 0, key, value, "a finite number above 0")
@@ -127,8 +130,8 @@ def _check_network(rules: _Rules, runtime: str, network: Network | None) -> None
     if runtime == "onnxruntime":
         rules.require(network is None, "network", network, "null for runtime 'onnxruntime'")
         return
-    rules.require(network is not None, "network", None, "given for runtime 'numpy'")
-    assert network is not None
+    if network is None:
+        rules.refuse("network", None, "given for runtime 'numpy'")
     widths_fit = bool(network.hidden) and all(width >= 1 for width in network.hidden)
     rules.require(widths_fit, "network.hidden", network.hidden, "one width or more, each at least 1")
     if network.prior_std is not None:

@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,8 +39,8 @@ def unpack_weights(content: bytes, manifest: Manifest, source: str) -> FlowWeigh
     if network is None:
         raise BundleError(f"{source}: the manifest describes no network for these weights")
     arrays = _read_arrays(content, source)
-    _check_names(arrays, len(network.hidden), source)
-    _check_arrays(arrays, _shapes(manifest, network.hidden, arrays["time_frequency"].size), source)
+    frequencies = arrays["time_frequency"].size if "time_frequency" in arrays else 0
+    _check_arrays(arrays, _shapes(manifest, network.hidden, frequencies), source)
     return FlowWeights(
         activation=network.activation,
         action=arrays["action"],
@@ -65,25 +66,39 @@ def _named_arrays(weights: FlowWeights) -> dict[str, Array]:
     }
 
 
-def _read_arrays(content: bytes, source: str) -> dict[str, npt.NDArray[np.generic]]:
+def _read_arrays(content: bytes, source: str) -> dict[str, npt.NDArray[Any]]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+    except (ValueError, EOFError, OSError, TypeError, AttributeError, zipfile.BadZipFile) as error:
         raise BundleError(f"{source}: not a readable npz archive of plain arrays ({error})") from error
 
 
 def _shapes(manifest: Manifest, hidden: tuple[int, ...], frequencies: int) -> dict[str, tuple[int, ...]]:
     widths = (*hidden, manifest.action_dim)
-    shapes: dict[str, tuple[int, ...]] = {
+    return {
         "action": (manifest.action_dim, hidden[0]),
         "observation": (manifest.observation_dim, hidden[0]),
         "time": (1 + frequencies, hidden[0]),
         "time_frequency": (frequencies,),
         "time_phase": (frequencies,),
+        **{f"matrix_{layer}": widths[layer - 1 : layer + 1] for layer in range(1, len(widths))},
+        **{f"bias_{layer}": (width,) for layer, width in enumerate(widths)},
     }
-    for layer, width in enumerate(widths):
-        shapes[f"bias_{layer}"] = (width,)
-        if layer:
-            shapes[f"matrix_{layer}"] = (widths[layer - 1], width)
-    return shapes
+
+
+def _check_arrays(
+    arrays: dict[str, npt.NDArray[Any]], shapes: dict[str, tuple[int, ...]], source: str
+) -> None:
+    if arrays.keys() != shapes.keys():
+        found, wanted = ", ".join(sorted(arrays)), ", ".join(sorted(shapes))
+        raise BundleError(f"{source}: has arrays {found}; the manifest's layers need {wanted}")
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.dtype != np.float32 or array.shape != shape:
+            raise BundleError(
+                f"{source}: array {name} is {array.dtype} {array.shape}, "
+                f"the manifest's fields and layers need float32 {shape}"
+            )
+        if not np.isfinite(array).all():
+            raise BundleError(f"{source}: array {name} holds values that are not finite")

@@ -1,0 +1,111 @@
+"""Load a policy bundle, a directory of ``manifest.json``, ``policy.onnx`` and the files around them.
+
+``manifest.sha256`` holds the manifest's digest as ``sha256sum`` prints it, the manifest those of the
+other files: a changed byte anywhere is refused before anything is computed.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from edge_runtime.errors import BundleError
+from edge_runtime.manifest import Manifest
+from edge_runtime.manifest_rules import GRAPH_FILE, WEIGHTS_FILE, check_manifest
+from edge_runtime.onnx_policy import OnnxPolicy
+from edge_runtime.policy import FlowPolicy
+from edge_runtime.weight_file import unpack_weights
+from edge_runtime.weights import FlowWeights
+
+MANIFEST_FILE: Final = "manifest.json"
+DIGEST_FILE: Final = "manifest.sha256"
+PACKAGED: Final = Path(__file__).parent / "policies"
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A verified policy bundle."""
+
+    manifest: Manifest
+    weights: FlowWeights | None
+    """None where the manifest's runtime is ``onnxruntime``."""
+    directory: Path
+
+    def policy(self, batch: int = 1, euler_steps: int | None = None) -> FlowPolicy | OnnxPolicy:
+        """Prepare the policy for ``batch`` observations at once.
+
+        Args:
+            batch: B, the number of observations computed together.
+            euler_steps: T; the manifest's where None.
+
+        Raises:
+            PolicyError: if a number is below one, or onnxruntime is needed and not installed.
+        """
+        steps = self.manifest.euler_steps if euler_steps is None else euler_steps
+        if self.weights is not None:
+            return FlowPolicy(self.weights, steps, batch)
+        action_dim, observation_dim = self.manifest.action_dim, self.manifest.observation_dim
+        return OnnxPolicy(self.directory / GRAPH_FILE, action_dim, observation_dim, steps, batch)
+
+
+def load_bundle(directory: Path) -> Bundle:
+    """Read and verify every file of a bundle.
+
+    Raises:
+        BundleError: names the file and key that is missing, damaged or does not fit.
+    """
+    if not directory.is_dir():
+        raise BundleError(f"{directory}: no such bundle directory; edge-export writes one")
+    path = directory / MANIFEST_FILE
+    encoded = _read(path)
+    if _read(directory / DIGEST_FILE) != digest_line(encoded):
+        raise BundleError(f"{path}: does not match its digest in {DIGEST_FILE}; copy the bundle again")
+    manifest = _decode(encoded, path)
+    check_manifest(manifest, str(path))
+    contents = {name: _read_verified(directory / name, digest) for name, digest in manifest.files.items()}
+    weights = None
+    if manifest.runtime == "numpy":
+        path = directory / WEIGHTS_FILE
+        weights = unpack_weights(contents[WEIGHTS_FILE], manifest, str(path))
+    return Bundle(manifest, weights, directory)
+
+
+def packaged_bundle(name: str) -> Bundle:
+    """Load the bundle ``name`` that is installed with this package.
+
+    Raises:
+        BundleError: lists the packaged names if there is none of that name; else as `load_bundle`.
+    """
+    names = sorted(path.parent.name for path in PACKAGED.glob(f"*/{MANIFEST_FILE}"))
+    if name not in names:
+        known = ", ".join(names) or "none are installed"
+        raise BundleError(f"{name!r} is not a packaged policy: {known}")
+    return load_bundle(PACKAGED / name)
+
+
+def digest_line(manifest: bytes) -> bytes:
+    """The one line of ``manifest.sha256`` for an encoded manifest, as ``sha256sum`` writes it."""
+    return f"{hashlib.sha256(manifest).hexdigest()}  {MANIFEST_FILE}\n".encode()
+
+
+def _decode(encoded: bytes, path: Path) -> Manifest:
+    try:
+        return msgspec.json.decode(encoded, type=Manifest)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise BundleError(f"{path}: {error}") from error
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BundleError(f"{path}: cannot be read ({error.strerror}); export the bundle again") from error
+
+
+def _read_verified(path: Path, digest: str) -> bytes:
+    content = _read(path)
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise BundleError(f"{path}: does not match its digest in {MANIFEST_FILE}; copy the bundle again")
+    return content
