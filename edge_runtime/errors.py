@@ -19,3 +19,7 @@ class PolicyError(EdgeError):
 
 class BridgeError(EdgeError):
     """The link to the robot's firmware cannot be opened or has failed."""
+
+
+class GradientError(EdgeError):
+    """An objective's slope disagrees with the finite differences of its own cost."""

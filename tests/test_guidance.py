@@ -1,0 +1,254 @@
+"""Guided sampling against autograd, Theorem 1 in closed form, anytime behaviour and faults."""
+
+import itertools
+import math
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+import scipy.integrate
+import torch
+import torch_oracle
+from conftest import random_weights
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.guidance import GuidanceSettings, Guide, guided_action, guided_actions
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.objectives import Objective, SafetyMargin, Slope, SpeedLimit
+from edge_runtime.policy import FlowPolicy
+from edge_runtime.projection import PLANAR
+from edge_runtime.scene import TeamBatch
+
+DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+OBJECTIVES = [
+    SpeedLimit(limit_m_s=0.3, weight=1.0),
+    SafetyMargin(distance_m=0.5, weight=0.5),
+    SafetyMargin(distance_m=0.8, look_ahead=6, weight=2.0),
+    SpeedLimit(limit_m_s=0.1, look_ahead=4, weight=0.3),
+]
+COSTS = {"speed_limit": torch_oracle.speed_cost, "safety_margin": torch_oracle.margin_cost}
+
+
+def random_team(draw, teammates=3) -> TeamState:
+    def state(robot):
+        position, velocity = draw.uniform(-0.5, 0.5, 2), draw.uniform(-0.4, 0.4, 2)
+        return RobotState(robot, 0.0, tuple(position.tolist()), tuple(velocity.tolist()))
+
+    mates = [Teammate(state(k + 1), tuple(draw.uniform(-1, 1, 2).tolist())) for k in range(teammates)]
+    return TeamState(state(0), tuple(mates))
+
+
+def as_batch(teams) -> TeamBatch:
+    def mates(read):
+        return np.array([[read(mate) for mate in team.teammates] for team in teams])
+
+    return TeamBatch(
+        robot_id=np.array([team.own.robot_id for team in teams]),
+        position_m=np.array([team.own.position_m for team in teams]),
+        velocity_m_s=np.array([team.own.velocity_m_s for team in teams]),
+        mate_id=mates(lambda m: m.state.robot_id),
+        mate_position_m=mates(lambda m: m.state.position_m),
+        mate_velocity_m_s=mates(lambda m: m.state.velocity_m_s),
+        mate_action=mates(lambda m: m.intended_action),
+    )
+
+
+CASES = list(
+    itertools.product(["silu", "tanh"], [1, 2, 3, 4], [1, 2, 5, 10, 20], ["none", "hierarchical", "cone"])
+)
+
+
+@pytest.mark.parametrize(("activation", "count", "steps", "mode"), CASES)
+def test_guided_actions_agree_with_autograd(activation, count, steps, mode):
+    seed = CASES.index((activation, count, steps, mode))
+    draw = np.random.default_rng(seed)
+    weights = random_weights(seed=seed, activation=activation, prior_std=[None, 0.5][seed % 2])
+    objectives = OBJECTIVES[:count]
+    policy = FlowPolicy(weights, steps)
+    guide = Guide(GuidanceSettings(mode=mode, scale=1.0), objectives, DYNAMICS)
+    for _ in range(3):
+        team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
+        start = tuple(draw.standard_normal(2).tolist())
+        costs = [partial(COSTS[o.name], o, team, DYNAMICS) for o in objectives]
+        expected = torch_oracle.guided_action(
+            weights, observation[0], costs, [o.weight for o in objectives], 1.0, mode, start, steps
+        )
+        result = guided_action(policy, observation, team, guide, start)
+        assert result.steps == steps
+        assert not result.fault
+        assert np.abs(result.action - expected).max() <= 1e-5
+
+
+@pytest.mark.parametrize("mode", sorted(PLANAR))
+def test_batch_and_single_agree(mode):
+    draw = np.random.default_rng(5)
+    weights = random_weights(seed=2)
+    teams = [random_team(draw) for _ in range(40)]
+    observations = draw.standard_normal((40, 18)).astype(np.float32)
+    starts = draw.standard_normal((40, 2))
+    guide = Guide(GuidanceSettings(mode=mode, scale=2.0), OBJECTIVES[:3], DYNAMICS)
+    many = guided_actions(FlowPolicy(weights, 10, 40), observations, as_batch(teams), guide, starts)
+    policy = FlowPolicy(weights, 10)
+    for i, team in enumerate(teams):
+        one = guided_action(policy, observations[i : i + 1], team, guide, tuple(starts[i].tolist()))
+        assert np.abs(many[i] - one.action).max() <= 2e-5 * max(1.0, np.abs(many[i]).max())
+
+
+def gaussian_flow(std, mean, steps):
+    """The exact flow from N(0, I) to N(mean, std^2 I): a linear field, no network at all.
+
+    With a zero network the prior field alone transports to N(0, std^2 I); shifting the action by
+    tau * mean and the velocity by mean moves its target.
+    """
+
+    class ShiftedPrior:
+        backend, batch, euler_steps, action_dim, observation_dim = "closed form", 1, steps, 2, 1
+
+        def observe(self, observation):
+            pass
+
+        def step(self, k, action):
+            tau = k / steps
+            gain = (tau * std**2 - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * std**2)
+            velocity = gain * (np.asarray(action) - tau * mean) + mean
+            return np.concatenate([velocity[None], gain * np.eye(2)[:, None, :]])
+
+    return ShiftedPrior()
+
+
+class Quadratic(Objective, frozen=True, kw_only=True, tag="quadratic"):
+    """J = 1/2 |p' - goal|^2 with a unit preview: a quadratic of the action itself."""
+
+    goal: tuple[float, float]
+
+    def evaluate(self, motion, outlook):
+        dx, dy = motion.x - self.goal[0], motion.y - self.goal[1]
+        return Slope(0.5 * (dx * dx + dy * dy), dx, dy)
+
+
+UNIT = Dynamics(mass_kg=1.0, drag=0.0, dt_s=1.0)  # from rest, p' = p + u
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.5, 3.0])
+def test_theorem_1_closed_form(scale):
+    """The guided field descends the regularised objective of eq. 13, exactly, for a Gaussian flow.
+
+    For this flow v = mean-shift terms + gain (a - tau m), the score of p_tau is
+    -(a - tau m) / var_tau, and v = (a + (1 - tau) score) / tau. Eq. 12 must then move along
+    v - eta A^T (a_hat - goal) with A = 1 + (1 - tau) gain, whose linear ODE has a known solution.
+    """
+    std, mean, goal, steps = 0.5, np.array([0.3, -0.2]), np.array([1.0, 0.5]), 4000
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0)))
+    objective = Quadratic(goal=tuple(goal.tolist()))
+    guide = Guide(GuidanceSettings(mode="none", scale=scale), [objective], UNIT)
+    start = np.array([0.4, -1.0])
+    result = guided_action(
+        gaussian_flow(std, mean, steps), np.zeros((1, 1), np.float32), team, guide, tuple(start)
+    )
+
+    # For the deviation x = a - tau m the whole equation is linear.
+    def field(tau, x):
+        variance = (1 - tau) ** 2 + tau**2 * std**2
+        estimator = tau * std**2 / variance  # cov(a_1, a_tau) / var(a_tau): the posterior mean's slope
+        score_part = x / tau * (1 - (1 - tau) / variance) if tau > 1e-9 else -x
+        return score_part - scale * estimator * (estimator * x + mean - goal)
+
+    exact = scipy.integrate.solve_ivp(field, (0, 1), start, rtol=1e-10, atol=1e-12, max_step=0.001)
+    assert np.allclose(result.action, exact.y[:, -1] + mean, atol=2e-3)
+    if scale == 0.0:
+        assert np.allclose(result.action, mean + std * start, atol=2e-3)
+
+
+def test_theorem_1_guidance_trades_cost_against_likelihood():
+    """More guidance means lower cost and lower likelihood under the unguided flow."""
+    std, mean, goal = 0.5, np.zeros(2), 2.0
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0)))
+    observation = np.zeros((1, 1), np.float32)
+    ends = []
+    for scale in (0.0, 0.25, 0.5, 1.0, 2.0):
+        guide = Guide(GuidanceSettings(mode="none", scale=scale), [Quadratic(goal=(goal, 0.0))], UNIT)
+        ends.append(guided_action(gaussian_flow(std, mean, 200), observation, team, guide).action[0])
+    assert ends[0] == pytest.approx(0.0, abs=1e-9)
+    costs, distances = [(end - goal) ** 2 for end in ends], np.abs(ends)
+    assert all(a > b for a, b in itertools.pairwise(costs))
+    assert all(a < b for a, b in itertools.pairwise(distances))
+
+
+def test_a_late_tick_returns_the_newest_estimate():
+    weights, draw = random_weights(), np.random.default_rng(0)
+    team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
+    guide = Guide(GuidanceSettings(scale=1.0), OBJECTIVES[:2], DYNAMICS)
+    policy = FlowPolicy(weights, 10)
+    late = guided_action(policy, observation, team, guide, deadline_s=time.monotonic() - 1.0)
+    assert late.steps == 1
+    assert not late.fault
+    one_step = guided_action(
+        FlowPolicy(weights, 1),
+        observation,
+        team,
+        Guide(GuidanceSettings(scale=0.1), OBJECTIVES[:2], DYNAMICS),
+    )
+    # At tau = 0 the estimate plus a tenth of the guidance is one Euler step at a tenth of the scale.
+    assert late.action == pytest.approx(one_step.action, abs=1e-6)
+    assert guided_action(policy, observation, team, guide, deadline_s=math.inf).steps == 10
+
+
+class Faulty(Objective, frozen=True, kw_only=True, tag="faulty"):
+    value: float = 0.0
+    bad: str = "nan"
+
+    def evaluate(self, motion, outlook):
+        return Slope(0.0, d_x=float(self.bad))
+
+
+@pytest.mark.parametrize("bad", ["nan", "inf", "-inf"])
+def test_non_finite_inputs_are_faults(bad):
+    team, policy = random_team(np.random.default_rng(1)), FlowPolicy(random_weights(), 5)
+    clean = np.zeros((1, 18), np.float32)
+    poisoned = clean.copy()
+    poisoned[0, 4] = float(bad)
+    unguided = Guide(GuidanceSettings(), [], DYNAMICS)
+    assert "observation" in guided_action(policy, poisoned, team, unguided).fault
+    result = guided_action(
+        policy, clean, team, Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=1.0), Faulty(bad=bad)], DYNAMICS)
+    )
+    assert "faulty" in result.fault
+    assert result.action == (0.0, 0.0)
+
+
+def test_a_non_finite_velocity_is_a_fault():
+    weights = random_weights()
+    weights.biases[-1][0] = np.nan
+    team = random_team(np.random.default_rng(1))
+    result = guided_action(
+        FlowPolicy(weights, 5), np.zeros((1, 18), np.float32), team, Guide(GuidanceSettings(), [], DYNAMICS)
+    )
+    assert "velocity" in result.fault
+
+
+def test_without_scale_or_weight_the_flow_is_unguided():
+    draw = np.random.default_rng(7)
+    team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
+    policy = FlowPolicy(random_weights(), 10)
+    unguided = guided_action(policy, observation, team, Guide(GuidanceSettings(), [], DYNAMICS))
+    for settings, objectives in [
+        (GuidanceSettings(scale=0.0), OBJECTIVES),
+        (GuidanceSettings(), [SpeedLimit(limit_m_s=0.1, weight=0.0)]),
+    ]:
+        assert guided_action(policy, observation, team, Guide(settings, objectives, DYNAMICS)) == unguided
+
+
+@pytest.mark.parametrize("wrong", [{"scale": math.inf}, {"scale": -1.0}, {"start_noise": math.nan}])
+def test_bad_settings_are_refused(wrong):
+    with pytest.raises(ValueError, match="finite and not negative"):
+        GuidanceSettings(**wrong)
+
+
+def test_the_oracle_sees_what_it_claims():
+    """The oracle's own gradient of a cost, once by hand: speed 0.5 along x, limit 0.3."""
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.5 / 0.75, 0.0)))
+    action = torch.zeros(2, dtype=torch.float64, requires_grad=True)
+    objective = SpeedLimit(limit_m_s=0.3, buffer_m_s=0.0)
+    torch_oracle.speed_cost(objective, team, DYNAMICS, action).backward()
+    assert action.grad.numpy() == pytest.approx([0.2 / 0.1, 0.0])

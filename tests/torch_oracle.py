@@ -1,0 +1,114 @@
+"""Eqs. 10 to 15 in float64 PyTorch with autograd, written from the paper and independent of the runtime."""
+
+import scipy.optimize
+import torch
+import torch.nn.functional as F  # noqa: N812
+
+
+def velocity(weights, action, tau, observation):
+    """v_theta for one action (d,) as a differentiable tensor."""
+
+    def tensor(array):
+        return torch.tensor(array, dtype=torch.float64)
+
+    activation = F.silu if weights.activation == "silu" else torch.tanh
+    features = torch.cat(
+        [
+            torch.tensor([tau], dtype=torch.float64),
+            torch.sin(tau * tensor(weights.time_frequency) + tensor(weights.time_phase)),
+        ]
+    )
+    inputs = torch.cat([action, tensor(observation), features])
+    first = torch.cat([tensor(weights.action), tensor(weights.observation), tensor(weights.time)])
+    hidden = activation(inputs @ first + tensor(weights.biases[0]))
+    for matrix, bias in zip(weights.matrices[:-1], weights.biases[1:-1], strict=True):
+        hidden = activation(hidden @ tensor(matrix) + tensor(bias))
+    result = hidden @ tensor(weights.matrices[-1]) + tensor(weights.biases[-1])
+    if weights.prior_std is not None:
+        s2 = weights.prior_std**2
+        result = result + (tau * s2 - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * s2) * action
+    return result
+
+
+def drive(position, speed, action, dynamics, steps):
+    """Integrate the dynamics literally: drag once a step, then semi-implicit substeps."""
+    h = dynamics.dt_s / dynamics.substeps
+    for _ in range(steps):
+        speed = (1 - dynamics.drag) * speed
+        for _ in range(dynamics.substeps):
+            speed = speed + action / dynamics.mass_kg * h
+            position = position + speed * h
+    return position, speed
+
+
+def gain(dynamics, steps, which):
+    """How far a unit action moves the predicted position (0) or velocity (1)."""
+    zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    return drive(zero, zero, one, dynamics, steps)[which].item()
+
+
+def speed_cost(objective, team, dynamics, action):
+    _, speed = drive(*_state(team.own), action, dynamics, objective.look_ahead)
+    excess = speed.norm() - objective.limit_m_s + objective.buffer_m_s
+    return 0.5 * (excess.clamp_min(0) / gain(dynamics, objective.look_ahead, 1)) ** 2
+
+
+def margin_cost(objective, team, dynamics, action):
+    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
+    scale, total = gain(dynamics, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
+    for mate in team.teammates:
+        intended = torch.tensor(mate.intended_action, dtype=torch.float64)
+        other, _ = drive(*_state(mate.state), intended, dynamics, objective.look_ahead)
+        short = objective.distance_m + objective.buffer_m - (position - other).norm()
+        total = total + 0.5 * (short.clamp_min(0) / scale) ** 2
+    return total
+
+
+def _state(robot):
+    return (
+        torch.tensor(robot.position_m, dtype=torch.float64),
+        torch.tensor(robot.velocity_m_s, dtype=torch.float64),
+    )
+
+
+def combine(mode, gradients, weights, nominal):
+    """Eqs. 14 and 15 as the paper states them; the cone by Moreau's theorem and non-negative least squares."""
+    total = sum(w * g for w, g in zip(weights, gradients, strict=True))
+    if mode == "none":
+        return total
+    if mode == "cone":
+        matrix = torch.stack(gradients).numpy()
+        multipliers, _ = scipy.optimize.nnls(matrix.T, -total.numpy())
+        return total + torch.tensor(multipliers @ matrix)
+    return nominal_projection(harmonized_sum(gradients, weights), nominal)
+
+
+def harmonized_sum(gradients, weights):
+    total = torch.zeros_like(gradients[0])
+    for m, g in enumerate(gradients):
+        for n, other in enumerate(gradients):
+            if n != m and torch.dot(g, other) < 0:
+                g = g - torch.dot(g, other) / torch.dot(other, other) * other
+        total = total + weights[m] * g
+    return total
+
+
+def nominal_projection(total, nominal):
+    if torch.dot(total, nominal) < 0:
+        total = total - torch.dot(total, nominal) / torch.dot(nominal, nominal) * nominal
+    return total
+
+
+def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps):
+    """T Euler steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate."""
+    action = torch.tensor(start, dtype=torch.float64)
+    for k in range(steps):
+        tau = k / steps
+        action = action.detach().requires_grad_(True)
+        v = velocity(weights, action, tau, observation)
+        estimate = action + (1 - tau) * v
+        gradients = [-torch.autograd.grad(cost(estimate), action, retain_graph=True)[0] for cost in costs]
+        v = v.detach()
+        guidance = combine(mode, gradients, lambdas, v) if gradients else torch.zeros_like(v)
+        action = action.detach() + (v + eta * guidance) / steps
+    return action.detach().numpy()
