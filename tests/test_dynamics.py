@@ -1,10 +1,9 @@
 """Previews against literal integration, and periods against composition."""
 
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from torch_oracle import drive
+from literal_dynamics import drive
 
 from edge_runtime.dynamics import Dynamics
 
@@ -21,18 +20,12 @@ numbers = st.floats(-3, 3)
 @given(dynamics, st.integers(1, 12), numbers, numbers)
 def test_preview_equals_integration(model, steps, speed, action):
     preview = model.preview(steps)
-    position, velocity = drive(
-        torch.zeros(1, dtype=torch.float64),
-        torch.tensor([speed], dtype=torch.float64),
-        torch.tensor([action], dtype=torch.float64),
-        model,
-        steps,
-    )
+    position, velocity = drive(0.0, speed, action, model, steps)
     assert preview.position_decay * speed + preview.position_gain * action == pytest.approx(
-        position.item(), abs=1e-9
+        position, abs=1e-9
     )
     assert preview.velocity_decay * speed + preview.velocity_gain * action == pytest.approx(
-        velocity.item(), abs=1e-9
+        velocity, abs=1e-9
     )
 
 

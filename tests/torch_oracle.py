@@ -3,6 +3,7 @@
 import scipy.optimize
 import torch
 import torch.nn.functional as F  # noqa: N812
+from literal_dynamics import drive
 
 
 def velocity(weights, action, tau, observation):
@@ -28,17 +29,6 @@ def velocity(weights, action, tau, observation):
         s2 = weights.prior_std**2
         result = result + (tau * s2 - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * s2) * action
     return result
-
-
-def drive(position, speed, action, dynamics, steps):
-    """Integrate the dynamics literally: drag once a step, then semi-implicit substeps."""
-    h = dynamics.dt_s / dynamics.substeps
-    for _ in range(steps):
-        speed = (1 - dynamics.drag) * speed
-        for _ in range(dynamics.substeps):
-            speed = speed + action / dynamics.mass_kg * h
-            position = position + speed * h
-    return position, speed
 
 
 def gain(dynamics, steps, which):
@@ -72,7 +62,7 @@ def _state(robot):
 
 
 def combine(mode, gradients, weights, nominal):
-    """Eqs. 14 and 15 as the paper states them; the cone by Moreau's theorem and non-negative least squares."""
+    """Eqs. 14 and 15 as the paper states them; the cone by Moreau's theorem and least squares."""
     total = sum(w * g for w, g in zip(weights, gradients, strict=True))
     if mode == "none":
         return total
