@@ -1,0 +1,186 @@
+"""The guard process: owns the bus, forwards only fresh commands, stops the robot when they end.
+
+``python -m firmware_bridge.guard FD SPEC``: FD is its end of a SOCK_SEQPACKET pair whose other end the
+runtime holds, SPEC a GuardSpec in JSON. One thread, one loop: wait for the runtime, the bus, a signal or
+the next deadline; act; report. It ends when the socket closes or on SIGTERM, SIGINT or SIGHUP, after the
+stop sequence; kill -9 leaves the robot to the firmware's own timeout, which was checked at the start.
+"""
+
+import contextlib
+import gc
+import importlib
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterator
+
+import msgspec
+
+from edge_runtime.errors import EdgeError
+from firmware_bridge.guard_core import Guard, check_firmware_timeout
+from firmware_bridge.guard_link import Link
+from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard_wire import (
+    PACKET_BYTES,
+    Event,
+    Phase,
+    Report,
+    encode_event,
+    encode_report,
+)
+
+LINKS = {
+    "can": "firmware_bridge.can_link",
+    "mavlink": "firmware_bridge.mavlink_link",
+}
+"""Module of each link; it has ``make_link(spec: GuardSpec) -> Link``."""
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+PACKETS_A_PASS = 16
+"""Commands read before the bus gets its turn."""
+LONGEST_WAIT_S = 60.0
+
+
+class Loop:
+    """Waits for what concerns the guard and tells it."""
+
+    def __init__(self, guard: Guard, runtime: socket.socket, wake: socket.socket) -> None:
+        self._guard = guard
+        self._runtime = runtime
+        self._wake = wake
+        self._connected = True
+        self._told: Report | None = None
+
+    def run(self) -> None:
+        """Serve until the guard has finished."""
+        while not self._guard.finished:
+            readable = self._wait()
+            if self._runtime.fileno() in readable:
+                self._read_runtime()
+            if self._wake.fileno() in readable:
+                name = signal.Signals(self._wake.recv(1)[0]).name
+                self._guard.on_leave(f"the guard received {name}", time.monotonic())
+            if not readable.isdisjoint(self._guard.filenos()):
+                self._guard.on_feedback(time.monotonic())
+            self._guard.on_time(time.monotonic())
+            self._tell()
+
+    def _wait(self) -> set[int]:
+        sources = [self._wake.fileno(), *self._guard.filenos()]
+        if self._connected:
+            sources.append(self._runtime.fileno())
+        wait_s = self._guard.next_due_s() - time.monotonic()
+        readable, _, _ = select.select(sources, (), (), min(max(wait_s, 0.0), LONGEST_WAIT_S))
+        return set(readable)
+
+    def _read_runtime(self) -> None:
+        for _ in range(PACKETS_A_PASS):
+            try:
+                packet = self._runtime.recv(PACKET_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if not packet:
+                self._connected = False
+                self._guard.on_leave("the runtime's socket closed", time.monotonic())
+                return
+            self._guard.on_packet(packet, time.monotonic())
+
+    def _tell(self) -> None:
+        """Send events, then the report if it changed; a full socket keeps events for the next pass."""
+        now_s = time.monotonic()
+        while self._guard.events and self._send(encode_event(self._guard.events[0], now_s)):
+            self._guard.events.popleft()
+        report = self._guard.report()
+        if report != self._told and self._send(encode_report(report, now_s)):
+            self._told = report
+
+    def _send(self, packet: bytes) -> bool:
+        try:
+            self._runtime.send(packet)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True  # Nobody is left to tell; the read side notices and stops the robot.
+        return True
+
+
+def serve(link: Link, spec: GuardSpec, runtime: socket.socket, wake: socket.socket) -> None:
+    """Guard one opened link until the runtime leaves; whatever fails in here, the robot is told to stop.
+
+    Raises:
+        ConfigError: if the firmware's command timeout does not stop the robot after the guard's death.
+    """
+    check_firmware_timeout(link, spec.allow_unsafe_firmware_timeout)
+    runtime.send(encode_event(Event(Phase.WATCHING, "open"), time.monotonic()))
+    guard = Guard(link, spec)
+    try:
+        Loop(guard, runtime, wake).run()
+    finally:
+        _finish(guard)
+
+
+def _finish(guard: Guard) -> None:
+    """Complete the stop after a failure of the loop itself; does nothing after a regular end."""
+    guard.on_leave("the guard failed", time.monotonic())
+    while not guard.finished:
+        time.sleep(max(guard.next_due_s() - time.monotonic(), 0.0))
+        guard.on_time(time.monotonic())
+
+
+def make_link(spec: GuardSpec) -> Link:
+    """Build the link that the specification names; nothing is opened yet."""
+    module = importlib.import_module(LINKS[spec.link])
+    link: Link = module.make_link(spec)
+    return link
+
+
+@contextlib.contextmanager
+def wake_on_signals() -> Iterator[socket.socket]:
+    """Yield a socket on which each of SIGNALS arrives as one byte, its number."""
+    wake, writer = socket.socketpair()
+    writer.setblocking(False)
+    previous = {number: signal.signal(number, lambda *_: None) for number in SIGNALS}
+    descriptor = signal.set_wakeup_fd(writer.fileno())
+    try:
+        yield wake
+    finally:
+        signal.set_wakeup_fd(descriptor)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        wake.close()
+        writer.close()
+
+
+def guard(spec: GuardSpec, runtime: socket.socket) -> None:
+    """Open the link, guard it, close it."""
+    with wake_on_signals() as wake:
+        link = make_link(spec)
+        try:
+            link.open()
+            gc.freeze()
+            serve(link, spec, runtime, wake)
+        finally:
+            link.close()
+
+
+def main(arguments: list[str]) -> int:
+    """Run as the runtime's child; errors of the family go to the runtime, which prints them."""
+    runtime = socket.socket(fileno=int(arguments[0]))
+    runtime.setblocking(False)
+    os.set_inheritable(runtime.fileno(), False)
+    try:
+        spec = msgspec.json.decode(arguments[1], type=GuardSpec)
+        guard(spec, runtime)
+    except (EdgeError, msgspec.ValidationError) as error:
+        with contextlib.suppress(OSError):
+            runtime.send(encode_event(Event(Phase.FAILED, str(error)), time.monotonic()))
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,75 @@
+"""What a guard is started with, and the flags that every guarded bridge shares."""
+
+import argparse
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+from firmware_bridge.guard_link import Limits
+
+LONGEST_DEFAULT_DEADLINE_S = 0.1
+LONGEST_FIRMWARE_TIMEOUT_S = 1.0
+
+LinkName = Literal["can", "mavlink"]
+
+
+class GuardFlags(msgspec.Struct, frozen=True):
+    """The shared flags, as parsed."""
+
+    arm: bool = False
+    deadline_s: float | None = None
+    allow_unsafe_firmware_timeout: bool = False
+
+
+class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything the guard process needs; travels as JSON on its command line."""
+
+    link: LinkName
+    robot_id: int
+    deadline_s: float
+    """Longest time without a fresh command."""
+    limits: Limits
+    options: msgspec.Raw
+    """JSON that only the link understands."""
+    arm: bool = False
+    allow_unsafe_firmware_timeout: bool = False
+
+
+def add_guard_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the shared flags; ``flags_from`` reads them back."""
+    group = parser.add_argument_group("guard (the process that owns the bus)")
+    group.add_argument("--arm", action="store_true", help="let the guard enable or arm the robot")
+    group.add_argument(
+        "--guard-deadline",
+        type=float,
+        metavar="S",
+        help="stop after this long without a fresh command (default: 3 periods, at most 0.1 s)",
+    )
+    group.add_argument(
+        "--allow-unsafe-firmware-timeout",
+        action="store_true",
+        help="start although the firmware's own command timeout is unknown, off or over 1 s",
+    )
+
+
+def flags_from(arguments: argparse.Namespace) -> GuardFlags:
+    """Return the shared flags that were parsed."""
+    return GuardFlags(arguments.arm, arguments.guard_deadline, arguments.allow_unsafe_firmware_timeout)
+
+
+def deadline_s(period_s: float, flags: GuardFlags) -> float:
+    """Return the longest silence that the guard tolerates at this control period.
+
+    Raises:
+        ConfigError: if the deadline is not positive, over 1 s, or not longer than the period.
+    """
+    deadline = flags.deadline_s
+    if deadline is None:
+        deadline = min(3 * period_s, LONGEST_DEFAULT_DEADLINE_S)
+    if not period_s < deadline <= 1.0:
+        raise ConfigError(
+            f"--guard-deadline {deadline:g} s does not fit a control period of {period_s:g} s: it must be "
+            "longer than the period and at most 1 s; control faster than 10 Hz or set the flag"
+        )
+    return deadline

@@ -1,0 +1,174 @@
+"""Frames between runtime and guard: one fixed-layout struct per AF_UNIX SOCK_SEQPACKET packet.
+
+Every frame starts with magic, kind, sequence and a CLOCK_MONOTONIC stamp, which both processes share.
+"""
+
+import enum
+import struct
+
+import msgspec
+
+from edge_runtime.messages import RobotState
+from firmware_bridge.guard_link import Setpoint
+
+MAGIC = 0xCF61
+"""Marks the layouts below; change it with any of them."""
+PACKET_BYTES = 512
+"""More than the longest frame."""
+
+_HEADER = struct.Struct("<HBxQd")
+_COMMAND = struct.Struct("<HBxQd4d")
+_STOP = struct.Struct("<HBxQd96s")
+_REPORT = struct.Struct("<HBxQdBB5d5Q")
+_EVENT = struct.Struct("<HBxQdB240s")
+
+
+class Kind(enum.IntEnum):
+    """What a frame carries; the first two go to the guard, the others come from it."""
+
+    COMMAND = 1
+    STOP = 2
+    REPORT = 3
+    EVENT = 4
+
+
+class Phase(enum.IntEnum):
+    """Where the guard stands. It only moves forward, except between DRIVING and RECOVERING."""
+
+    WATCHING = 0
+    """Open, listening, has never touched the robot."""
+    ENABLING = 1
+    DRIVING = 2
+    RECOVERING = 3
+    STOPPING = 4
+    STOPPED = 5
+    """Latched: only a new guard drives again."""
+    FAILED = 6
+    """The guard could not start."""
+
+
+class Counts(msgspec.Struct, frozen=True, gc=False):
+    """What became of the commands."""
+
+    forwarded: int = 0
+    refused: int = 0
+    """Stale or duplicate."""
+    withheld: int = 0
+    """Valid, while the robot was not driving."""
+    dropped: int = 0
+    """Frames that the bus did not take."""
+    recoveries: int = 0
+
+
+class StopRequest(msgspec.Struct, frozen=True, gc=False):
+    """The runtime asks for the stop sequence."""
+
+    reason: str
+
+
+class Report(msgspec.Struct, frozen=True, gc=False):
+    """The robot's newest state, if any, and the guard's."""
+
+    phase: Phase
+    counts: Counts
+    state: RobotState | None
+
+
+class Event(msgspec.Struct, frozen=True, gc=False):
+    """A change of phase and its cause."""
+
+    phase: Phase
+    text: str
+
+
+class WireError(ValueError):
+    """A packet that no correct peer sends."""
+
+
+def encode_command(setpoint: Setpoint) -> bytes:
+    """Return the packet of one command."""
+    return _COMMAND.pack(
+        MAGIC, Kind.COMMAND, setpoint.sequence, setpoint.stamp_s, *setpoint.action, *setpoint.velocity_m_s
+    )
+
+
+def encode_stop(reason: str, stamp_s: float) -> bytes:
+    """Return the packet that asks for a stop."""
+    return _STOP.pack(MAGIC, Kind.STOP, 0, stamp_s, _text(reason, 96))
+
+
+def decode_request(packet: bytes) -> Setpoint | StopRequest:
+    """Read a packet in the guard; whether the numbers are sane is the guard's business.
+
+    Raises:
+        WireError: if it is not exactly one command or stop.
+    """
+    kind = _kind(packet)
+    if kind == Kind.COMMAND and len(packet) == _COMMAND.size:
+        _, _, sequence, stamp_s, a_x, a_y, v_x, v_y = _COMMAND.unpack(packet)
+        return Setpoint(sequence, stamp_s, (a_x, a_y), (v_x, v_y))
+    if kind == Kind.STOP and len(packet) == _STOP.size:
+        return StopRequest(_untext(_STOP.unpack(packet)[4]))
+    raise WireError(f"kind {kind} in {len(packet)} bytes")
+
+
+def encode_report(report: Report, stamp_s: float) -> bytes:
+    """Return the packet of a report; ``stamp_s`` stands in where there is no state yet."""
+    state, counts = report.state, report.counts
+    numbers = (0.0,) * 5 if state is None else (*state.position_m, *state.velocity_m_s, state.heading_rad)
+    return _REPORT.pack(
+        MAGIC,
+        Kind.REPORT,
+        0 if state is None else state.robot_id,
+        stamp_s if state is None else state.stamp_s,
+        report.phase,
+        state is not None,
+        *numbers,
+        *msgspec.structs.astuple(counts),
+    )
+
+
+def encode_event(event: Event, stamp_s: float) -> bytes:
+    """Return the packet of an event."""
+    return _EVENT.pack(MAGIC, Kind.EVENT, 0, stamp_s, event.phase, _text(event.text, 240))
+
+
+def decode_answer(packet: bytes) -> Report | Event:
+    """Read a packet in the runtime.
+
+    Raises:
+        WireError: if it is not exactly one report or event.
+    """
+    kind = _kind(packet)
+    if kind == Kind.EVENT and len(packet) == _EVENT.size:
+        _, _, _, _, phase, text = _EVENT.unpack(packet)
+        return Event(_phase(phase), _untext(text))
+    if kind == Kind.REPORT and len(packet) == _REPORT.size:
+        _, _, robot_id, stamp_s, phase, known, x, y, v_x, v_y, heading, *counts = _REPORT.unpack(packet)
+        state = RobotState(robot_id, stamp_s, (x, y), (v_x, v_y), heading) if known else None
+        return Report(_phase(phase), Counts(*counts), state)
+    raise WireError(f"kind {kind} in {len(packet)} bytes")
+
+
+def _kind(packet: bytes) -> int:
+    if len(packet) < _HEADER.size:
+        raise WireError(f"{len(packet)} bytes are no frame")
+    magic, kind, _, _ = _HEADER.unpack_from(packet)
+    if magic != MAGIC:
+        raise WireError(f"magic {magic:#06x} instead of {MAGIC:#06x}")
+    return int(kind)
+
+
+def _phase(number: int) -> Phase:
+    try:
+        return Phase(number)
+    except ValueError:
+        raise WireError(f"phase {number}") from None
+
+
+def _text(text: str, size: int) -> bytes:
+    return text.encode()[:size]
+
+
+def _untext(raw: bytes) -> str:
+    return raw.rstrip(b"\0").decode(errors="replace")

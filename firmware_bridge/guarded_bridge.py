@@ -1,0 +1,193 @@
+"""The Bridge in the runtime's process: starts a guard, hands it commands, takes states back."""
+
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TypeVar
+
+import msgspec
+
+from edge_runtime.errors import BridgeError
+from edge_runtime.messages import Command, RobotState
+from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard_wire import (
+    PACKET_BYTES,
+    Counts,
+    Event,
+    Phase,
+    decode_answer,
+    encode_command,
+    encode_stop,
+)
+
+OPENING_S = 30.0
+"""Longest wait for a guard to open its link."""
+STOPPING_S = 15.0
+"""Longest wait for a guard to finish the stop sequence; more than its own bound."""
+
+Self = TypeVar("Self", bound="GuardedBridge")
+
+
+class GuardedBridge:
+    """A robot behind a guard process; implements ``Bridge``.
+
+    The guard stops the robot whenever this side goes away, so nothing here needs to be trusted.
+    """
+
+    def __init__(self, spec: GuardSpec) -> None:
+        self.name = spec.link
+        self.counts = Counts()
+        """What became of the commands, as the guard last reported."""
+        self.phase = Phase.WATCHING
+        self._spec = spec
+        self._reason = ""
+        self._state: RobotState | None = None
+        self._opened = False
+        self._connected = False
+        self._socket = socket.socket()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self: Self) -> Self:
+        """Start the guard and wait until it holds the bus.
+
+        Raises:
+            BridgeError: if the guard could not start, with its reason.
+        """
+        self._socket.close()
+        self._socket, child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with child:
+            self._process = _start_guard(self._spec, child)
+        self._connected = True
+        self._socket.setblocking(False)
+        try:
+            self._await_opening()
+        except BaseException:
+            self._leave()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop the robot and wait until the guard has ended."""
+        self._leave()
+
+    @property
+    def guard_pid(self) -> int:
+        """Process number of the guard."""
+        if self._process is None:
+            raise BridgeError("the bridge is not open: use it in a with statement")
+        return self._process.pid
+
+    def read(self) -> RobotState | None:
+        """Return the newest state, or None before the first."""
+        self._receive()
+        return self._state
+
+    def write(self, command: Command) -> None:
+        """Hand one command to the guard, once.
+
+        Raises:
+            BridgeError: if the guard has stopped the robot, has ended, or does not take commands.
+        """
+        self._receive()
+        if self.phase >= Phase.STOPPING:
+            raise BridgeError(f"the guard stopped the robot: {self._reason}")
+        setpoint = Setpoint(command.sequence, command.stamp_s, command.action, command.velocity_m_s)
+        self._send(encode_command(setpoint))
+
+    def stop(self, reason: str) -> None:
+        """Ask for the stop sequence and wait until it is done.
+
+        Raises:
+            BridgeError: if the guard does not report the end of the sequence.
+        """
+        self._receive()
+        if self.phase < Phase.STOPPING:
+            self._send(encode_stop(reason, time.monotonic()))
+        self._await(lambda: self.phase >= Phase.STOPPED, STOPPING_S, "did not finish the stop sequence")
+
+    def _await_opening(self) -> None:
+        self._await(lambda: self._opened, OPENING_S, "did not open its link")
+        if self.phase is Phase.FAILED:
+            raise BridgeError(self._reason)
+
+    def _await(self, settled: Callable[[], bool], longest_s: float, failure: str) -> None:
+        end_s = time.monotonic() + longest_s
+        while not settled() and self._connected:
+            wait_s = end_s - time.monotonic()
+            if wait_s <= 0.0:
+                raise BridgeError(f"the guard {failure} within {longest_s:g} s")
+            select.select((self._socket,), (), (), wait_s)
+            self._receive()
+        if not settled():
+            raise BridgeError(f"the guard ended: {self._reason or 'its own output says why'}")
+
+    def _send(self, packet: bytes) -> None:
+        try:
+            self._socket.send(packet)
+        except BlockingIOError:
+            raise BridgeError("the guard does not take commands: is it stopped or starved?") from None
+        except OSError:
+            self._receive()
+            raise BridgeError(f"the guard ended: {self._reason or 'its own output says why'}") from None
+
+    def _receive(self) -> None:
+        while self._connected:
+            try:
+                packet = self._socket.recv(PACKET_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if packet:
+                self._take(packet)
+            else:
+                self._connected = False
+
+    def _take(self, packet: bytes) -> None:
+        answer = decode_answer(packet)
+        self.phase = answer.phase
+        if isinstance(answer, Event):
+            self._opened = True
+            if answer.phase >= Phase.STOPPING and not self._reason:
+                self._reason = answer.text
+        else:
+            self.counts = answer.counts
+            self._state = answer.state or self._state
+
+    def _leave(self) -> None:
+        """Close the socket, which makes the guard stop the robot, and wait for its end."""
+        self._socket.close()
+        self._connected = False
+        if self._process is not None:
+            try:
+                self._process.wait(STOPPING_S)
+            except subprocess.TimeoutExpired:
+                raise BridgeError(
+                    f"the guard (process {self._process.pid}) did not end within {STOPPING_S:g} s"
+                ) from None
+
+
+def _start_guard(spec: GuardSpec, child: socket.socket) -> "subprocess.Popen[bytes]":
+    """Run the guard in its own session, so that the terminal's Ctrl-C reaches only the runtime."""
+    return subprocess.Popen(  # noqa: S603 - our own interpreter and module
+        [
+            sys.executable,
+            "-m",
+            "firmware_bridge.guard",
+            str(child.fileno()),
+            msgspec.json.encode(spec).decode(),
+        ],
+        pass_fds=(child.fileno(),),
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
