@@ -47,14 +47,20 @@ class _Layer:
         tangents = slice(batch, batch * (1 + action_dim))
         self.before = np.zeros((rows, width), np.float32)
         self.before_value = self.before[:batch]
-        self.before_tangent = self.before[tangents].reshape(action_dim, batch, width)
         # The extra columns multiply the next layer's bias (and the prior field): no separate addition.
         self.after = np.zeros((rows, width + extra), np.float32)
         self.after[:batch, width] = 1.0
         self.after_value = self.after[:batch, :width]
-        self.after_tangent = self.after[tangents].reshape(action_dim, batch, width + extra)[..., :width]
         self.gate = np.empty((batch, width), np.float32)
         self.slope = np.empty((batch, width), np.float32)
+        # One product per tangent: numpy takes longer to broadcast a slope over all of them.
+        self.tangents = list(
+            zip(
+                self.before[tangents].reshape(action_dim, batch, width),
+                self.after[tangents].reshape(action_dim, batch, width + extra)[..., :width],
+                strict=True,
+            )
+        )
 
 
 class FlowPolicy:
@@ -109,13 +115,17 @@ class FlowPolicy:
             for index, width in enumerate(weights.hidden)
         ]
         # The first layer's tangents before its activation are the action's weight rows themselves.
-        self._layers[0].before_tangent = self._action_rows[:, None, :]
+        first = self._layers[0]
+        first.tangents = [
+            (row, after) for row, (_, after) in zip(self._action_rows, first.tangents, strict=True)
+        ]
         final = self._layers[-1].after
         self._action = final[:batch, -d:]
         final[batch : batch * (1 + d)].reshape(d, batch, -1)[..., -d:] = np.eye(d)[:, None, :]
         self._result = np.empty((rows, d), np.float32)
         self._velocity_and_tangents = self._result[: batch * (1 + d)].reshape(1 + d, batch, d)
-        self._one, self._two = np.float32(1.0), np.float32(2.0)
+        # Arrays of no dimension: numpy is slower with its own scalars.
+        self._one, self._two = np.array(1.0, np.float32), np.array(2.0, np.float32)
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.
@@ -179,4 +189,5 @@ class FlowPolicy:
             np.tanh(u, layer.after_value)
             np.multiply(layer.after_value, layer.after_value, slope)
             np.subtract(self._one, slope, slope)
-        np.multiply(layer.before_tangent, slope, layer.after_tangent)
+        for before, after in layer.tangents:
+            np.multiply(before, slope, after)

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from edge_runtime.policy import FlowPolicy
 from edge_runtime.weights import FlowWeights
 
 
@@ -35,3 +36,8 @@ def random_weights(
 @pytest.fixture
 def weights() -> FlowWeights:
     return random_weights()
+
+
+@pytest.fixture(scope="session")
+def make_backend():
+    return FlowPolicy
