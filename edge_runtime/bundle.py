@@ -43,11 +43,17 @@ class Bundle:
         Raises:
             PolicyError: if a number is below one, or onnxruntime is needed and not installed.
         """
-        steps = self.manifest.euler_steps if euler_steps is None else euler_steps
-        if self.weights is not None:
-            return FlowPolicy(self.weights, steps, batch)
-        action_dim, observation_dim = self.manifest.action_dim, self.manifest.observation_dim
-        return OnnxPolicy(self.directory / GRAPH_FILE, action_dim, observation_dim, steps, batch)
+        if self.weights is None:
+            return self.graph_policy(batch, euler_steps)
+        return FlowPolicy(self.weights, self._steps(euler_steps), batch)
+
+    def graph_policy(self, batch: int = 1, euler_steps: int | None = None) -> OnnxPolicy:
+        """Prepare the policy's graph for onnxruntime, whatever runtime the manifest prefers; as `policy`."""
+        graph, steps = self.directory / GRAPH_FILE, self._steps(euler_steps)
+        return OnnxPolicy(graph, self.manifest.action_dim, self.manifest.observation_dim, steps, batch)
+
+    def _steps(self, euler_steps: int | None) -> int:
+        return self.manifest.euler_steps if euler_steps is None else euler_steps
 
 
 def load_bundle(directory: Path) -> Bundle:

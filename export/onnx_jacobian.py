@@ -84,5 +84,6 @@ def _names(graph: onnx.GraphProto) -> set[str]:
 
 
 def _types(graph: onnx.GraphProto) -> dict[str, onnx.TypeProto.Tensor]:
-    values = [*graph.input, *graph.output, *graph.value_info]
+    stored = [helper.make_tensor_value_info(t.name, t.data_type, t.dims) for t in graph.initializer]
+    values = [*graph.input, *graph.output, *graph.value_info, *stored]
     return {value.name: value.type.tensor_type for value in values}

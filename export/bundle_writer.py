@@ -1,0 +1,107 @@
+"""Write a policy bundle: completely, checked by the robot's own loader, or not at all."""
+
+import hashlib
+import tempfile
+from pathlib import Path
+
+import msgspec
+from onnx import ModelProto
+
+from edge_runtime.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, digest_line, load_bundle
+from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import Network
+from edge_runtime.manifest_rules import GRAPH_FILE, WEIGHTS_FILE
+from edge_runtime.weight_file import pack_weights
+from edge_runtime.weights import FlowWeights
+from export.facts import Facts
+from export.parity import Floats, Inputs, require_parity
+
+
+def write_bundle(
+    target: Path,
+    facts: Facts,
+    graph: ModelProto,
+    weights: FlowWeights | None,
+    inputs: Inputs,
+    expected: Floats,
+    *,
+    force: bool = False,
+) -> float:
+    """Write a bundle whose forms agree.
+
+    Args:
+        target: the bundle's directory; its last part names the policy.
+        facts: what the manifest says of fields, dynamics and origin.
+        graph: velocity and Jacobian.
+        weights: the same field for the numpy runtime; None where only onnxruntime can compute it.
+        inputs: where the forms are compared.
+        expected: (1 + d, B, d) what the source of the policy computes there.
+        force: replace an existing bundle.
+
+    Returns:
+        The largest difference between source, graph and weights.
+
+    Raises:
+        BundleError: if the forms differ, or the robot could not load the bundle.
+        ConfigError: if ``target`` exists and is no bundle or ``force`` is not set, or cannot be written.
+    """
+    target = target.resolve()
+    _require_replaceable(target, force)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
+            draft = Path(scratch) / "bundle"
+            draft.mkdir()
+            _write_files(draft, target.name, facts, graph, weights)
+            difference = _checked(load_bundle(draft), inputs, expected)
+            _replace(target, draft, Path(scratch) / "replaced")
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written ({error.strerror})") from error
+    return difference
+
+
+def _write_files(
+    draft: Path, name: str, facts: Facts, graph: ModelProto, weights: FlowWeights | None
+) -> None:
+    contents = {GRAPH_FILE: graph.SerializeToString(deterministic=True)}
+    network = None
+    if weights is not None:
+        contents[WEIGHTS_FILE] = pack_weights(weights)
+        network = Network(weights.activation, weights.hidden, weights.prior_std)
+    digests = {file: hashlib.sha256(content).hexdigest() for file, content in contents.items()}
+    manifest = msgspec.json.format(msgspec.json.encode(facts.manifest(name, network, digests))) + b"\n"
+    contents[MANIFEST_FILE] = manifest
+    contents[DIGEST_FILE] = digest_line(manifest)
+    for file, content in contents.items():
+        (draft / file).write_bytes(content)
+
+
+def _checked(bundle: Bundle, inputs: Inputs, expected: Floats) -> float:
+    batch = len(inputs.tau)
+    graph = bundle.graph_policy(batch)
+    results = {"the source": expected, GRAPH_FILE: graph.evaluate(*inputs.arrays())}
+    if bundle.weights is not None:
+        results[WEIGHTS_FILE] = bundle.policy(batch).evaluate(*inputs.arrays())
+    return require_parity(results)
+
+
+def _require_replaceable(target: Path, force: bool) -> None:
+    if not target.exists():
+        return
+    if not (target / MANIFEST_FILE).is_file():
+        raise ConfigError(f"{target}: exists and is no bundle; name another directory")
+    if not force:
+        raise ConfigError(f"{target}: exists already; --force replaces it")
+
+
+def _replace(target: Path, draft: Path, replaced: Path) -> None:
+    """Renaming is the last step: an interrupted export leaves no half-written bundle."""
+    if not target.exists():
+        draft.rename(target)
+        return
+    target.rename(replaced)
+    try:
+        draft.rename(target)
+    except OSError:
+        replaced.rename(target)
+        raise

@@ -1,0 +1,156 @@
+"""``edge-export``: a training run, or a graph that somebody else trained, becomes a policy bundle."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from onnx import ModelProto
+
+from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.manifest import Training
+from edge_runtime.weights import FlowWeights
+from export.affine import NotAnMlpError
+from export.bundle_writer import write_bundle
+from export.checkpoint import PolicyFacts, load_policy
+from export.facts import FACTS_TEMPLATE, Facts, read_facts
+from export.onnx_graph import velocity_graph
+from export.onnx_import import read_velocity_graph
+from export.onnx_jacobian import with_jacobian
+from export.onnx_mlp import read_flow_weights
+from export.onnx_reference import GraphReference
+from export.parity import SAMPLES, evaluate_torch, random_inputs
+from export.scenarios import SCENARIOS
+
+EXAMPLES = """\
+examples:
+  edge-export runs/nav --out policies/navigation
+  edge-export --print-facts-template > facts.toml
+  edge-export --from-onnx velocity.onnx --facts facts.toml --out policies/mine
+
+A graph for --from-onnx has the float inputs action (batch, 2), tau (batch, 1), observation (batch, O) and
+computes the flow's velocity (batch, 2). Where it is a plain SiLU or tanh MLP the robot needs only numpy,
+otherwise onnxruntime.
+"""
+
+
+def export_run(run_dir: Path, target: Path, *, force: bool = False) -> float:
+    """Export the best policy of a training run.
+
+    Returns:
+        The largest difference between the forms of the policy.
+
+    Raises:
+        ConfigError: if the run holds no policy or ``target`` exists.
+        BundleError: if the forms differ.
+    """
+    network, origin = load_policy(run_dir)
+    facts, weights = _scenario_facts(origin), network.to_weights()
+    graph = with_jacobian(velocity_graph(weights))
+    inputs = random_inputs(facts)
+    expected = evaluate_torch(network, inputs)
+    return write_bundle(target, facts, graph, weights, inputs, expected, force=force)
+
+
+def export_graph(file: Path, facts: Facts, target: Path, *, force: bool = False) -> tuple[float, str]:
+    """Export a velocity graph that was trained elsewhere.
+
+    Returns:
+        The largest difference between the forms, and how the robot computes the policy.
+
+    Raises:
+        PolicyError: if the graph does not fit or cannot be differentiated.
+        ConfigError: if ``target`` exists.
+        BundleError: if the forms differ.
+    """
+    source = read_velocity_graph(file, len(facts.action), facts.observation_dim)
+    weights, how = _expressed(source)
+    graph = with_jacobian(source if weights is None else velocity_graph(weights))
+    reference = GraphReference(source)
+    inputs = reference.smooth(random_inputs(facts, 2 * SAMPLES), SAMPLES)
+    expected = reference.evaluate(inputs)
+    return write_bundle(target, facts, graph, weights, inputs, expected, force=force), how
+
+
+def main() -> int:
+    """Run ``edge-export``; 0 on success, 2 after one line on what does not fit."""
+    arguments = _parser().parse_args()
+    try:
+        print(_run(arguments))
+    except EdgeError as error:
+        print(f"edge-export: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> str:
+    if arguments.print_facts_template:
+        return FACTS_TEMPLATE.rstrip()
+    if arguments.out is None:
+        raise ConfigError("--out DIR is missing: the directory of the bundle to write")
+    if (arguments.run is None) == (arguments.from_onnx is None):
+        raise ConfigError("name either a training run or --from-onnx FILE")
+    if arguments.from_onnx is None:
+        difference, how = export_run(arguments.run, arguments.out, force=arguments.force), "numpy"
+    else:
+        if arguments.facts is None:
+            raise ConfigError("--from-onnx needs --facts FILE; --print-facts-template prints an example")
+        facts = read_facts(arguments.facts)
+        difference, how = export_graph(arguments.from_onnx, facts, arguments.out, force=arguments.force)
+    return (
+        f"{arguments.out}: bundle written, the robot computes it with {how}\n"
+        f"largest difference between the source, policy.onnx and the runtime: {difference:.1e} "
+        f"over {SAMPLES} random inputs"
+    )
+
+
+def _scenario_facts(origin: PolicyFacts) -> Facts:
+    if origin.scenario not in SCENARIOS:
+        raise ConfigError(f"scenario {origin.scenario!r} is unknown: one of {', '.join(sorted(SCENARIOS))}")
+    scenario = SCENARIOS[origin.scenario].facts
+    return Facts(
+        observation=scenario.observation,
+        action=scenario.action,
+        control_rate_hz=scenario.control_rate_hz,
+        euler_steps=origin.euler_steps,
+        dynamics=scenario.dynamics,
+        body=scenario.body,
+        training=Training(
+            scenario=origin.scenario,
+            algorithm=origin.algorithm,
+            seed=origin.seed,
+            frames=origin.frames,
+            commit=origin.commit,
+            score=origin.score,
+        ),
+    )
+
+
+def _expressed(source: ModelProto) -> tuple[FlowWeights | None, str]:
+    try:
+        return read_flow_weights(source), "numpy"
+    except NotAnMlpError as reason:
+        return None, f"onnxruntime ({reason})"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="edge-export",
+        description="Write the policy bundle that edge-run loads, after checking that all its forms agree.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="directory of an edge-train run")
+    parser.add_argument("--from-onnx", type=Path, metavar="FILE", help="export this velocity graph instead")
+    parser.add_argument("--facts", type=Path, metavar="FILE", help="TOML facts for --from-onnx")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="the bundle's directory; its name is the policy's"
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing bundle")
+    parser.add_argument(
+        "--print-facts-template", action="store_true", help="print a facts file to start from"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
