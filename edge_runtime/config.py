@@ -1,0 +1,160 @@
+"""The fleet file and the objectives file: TOML, validated once, every error names its key."""
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.messages import Vector2
+from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.toml_file import Table, read_toml, refuse, to_record
+
+DEFAULT_FLEET: Final = Path(__file__).parent / "fleets" / "navigation.toml"
+RATE_HZ: Final = (1.0, 1000.0)
+"""Least and greatest control rate."""
+
+
+class Steering(msgspec.Struct, frozen=True):
+    """What steers the team at execution time; an objectives file holds just this."""
+
+    objectives: tuple[Objective, ...] = ()
+    guidance: GuidanceSettings = GuidanceSettings()
+
+
+class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One member of the team."""
+
+    id: int
+    start_m: Vector2
+    """Where a simulated robot starts."""
+    goal_m: Vector2
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.id < 2**16:
+            raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
+
+
+class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What all robots share."""
+
+    policy: str = "navigation"
+    """A packaged policy's name, or the directory of a bundle, relative to the fleet file."""
+    rate_hz: float | None = None
+    """Control rate; the policy's own where None."""
+    goal_tolerance_m: float = 0.1
+    max_state_age_s: float = 0.1
+    """An own state older than this stops the robot."""
+    slew_per_s: float | None = None
+    """Greatest change of each action component in a second; unlimited where None."""
+
+    def __post_init__(self) -> None:
+        for field in ("goal_tolerance_m", "max_state_age_s", "slew_per_s"):
+            value = getattr(self, field)
+            if value is not None and value <= 0.0:
+                raise ValueError(f"`{field}` must be above 0, got {value}")
+        low, high = RATE_HZ
+        if self.rate_hz is not None and not low <= self.rate_hz <= high:
+            raise ValueError(f"`rate_hz` must lie in [{low:g}, {high:g}], got {self.rate_hz:g}")
+
+
+class Fleet(msgspec.Struct, frozen=True):
+    """A fleet file."""
+
+    path: Path
+    team: Team
+    robots: tuple[Robot, ...]
+    steering: Steering
+
+    def robot(self, robot_id: int) -> Robot:
+        """Return the robot with this id.
+
+        Raises:
+            ConfigError: lists the known ids.
+        """
+        for robot in self.robots:
+            if robot.id == robot_id:
+                return robot
+        known = ", ".join(str(robot.id) for robot in self.robots)
+        raise ConfigError(f"{self.path}: robots: none has id {robot_id} (--robot-id); known ids: {known}")
+
+
+class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    robots: tuple[Robot, ...]
+    team: Team = Team()
+    objectives: tuple[Table, ...] = ()
+    guidance: GuidanceSettings = GuidanceSettings()
+
+
+class _SteeringTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    objectives: tuple[Table, ...] = ()
+    guidance: GuidanceSettings = GuidanceSettings()
+
+
+def load_fleet(path: Path) -> Fleet:
+    """Read a fleet file: ``[team]``, ``[[robots]]``, ``[[objectives]]``, ``[guidance]``.
+
+    Raises:
+        ConfigError: names the file, the key and what is allowed.
+    """
+    tables = to_record(read_toml(path), _FleetTables, path)
+    if not tables.robots:
+        refuse(path, "robots", "a fleet needs at least one robot")
+    ids = [robot.id for robot in tables.robots]
+    for index, robot_id in enumerate(ids):
+        if robot_id in ids[:index]:
+            refuse(path, f"robots[{index}].id", f"{robot_id} is taken by robots[{ids.index(robot_id)}]")
+    steering = Steering(_objectives(tables.objectives, path), tables.guidance)
+    return Fleet(path, tables.team, tables.robots, steering)
+
+
+def load_steering(path: Path) -> Steering:
+    """Read an objectives file: ``[[objectives]]`` and ``[guidance]``.
+
+    Raises:
+        ConfigError: names the file, the key and what is allowed.
+    """
+    tables = to_record(read_toml(path), _SteeringTables, path)
+    return Steering(_objectives(tables.objectives, path), tables.guidance)
+
+
+def _objectives(tables: tuple[Table, ...], path: Path) -> tuple[Objective, ...]:
+    return tuple(_objective(table, path, f"objectives[{i}]") for i, table in enumerate(tables))
+
+
+def _objective(table: Table, path: Path, key: str) -> Objective:
+    known = {str(objective.__struct_config__.tag): objective for objective in BUILT_IN}
+    allowed = f"allowed: {', '.join(known)}, or an own one as module:Class"
+    name = table.get("type")
+    if not isinstance(name, str):
+        refuse(
+            path,
+            f"{key}.type",
+            f"{'missing' if name is None else f'must be a string, got {name}'}; {allowed}",
+        )
+    if ":" in name:
+        kind = _import_objective(name, path, f"{key}.type")
+    elif name in known:
+        kind = known[name]
+    else:
+        refuse(path, f"{key}.type", f"unknown objective {name!r}; {allowed}")
+    return to_record({**table, "type": kind.__struct_config__.tag}, kind, path, key)
+
+
+def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
+    """Import ``module:Class``; the module may lie beside the file that names it."""
+    module_name, _, class_name = name.partition(":")
+    beside = str(path.resolve().parent)
+    sys.path.insert(0, beside)
+    try:
+        kind = getattr(importlib.import_module(module_name), class_name)
+    except Exception as error:  # a user's module may fail in any way while it is imported
+        raise ConfigError(f"{path}: {key}: cannot import {name!r} ({error})") from error
+    finally:
+        sys.path.remove(beside)
+    if not (isinstance(kind, type) and issubclass(kind, Objective)):
+        refuse(path, key, f"{name!r} is not a subclass of edge_runtime.objectives.Objective")
+    return kind

@@ -1,0 +1,132 @@
+"""What a person sees of a run: one live line, and the summary."""
+
+import os
+import time
+from typing import TextIO
+
+from edge_runtime.monitor import Monitor
+from edge_runtime.rate import DeadlineGrid
+from edge_runtime.report import RunReport
+
+TERMINAL_INTERVAL_S = 0.1
+PLAIN_INTERVAL_S = 1.0
+
+
+class LiveLine:
+    """A line of status, rewritten in place on a terminal, a new one each second elsewhere.
+
+    A reader that goes away ends the text, never the run.
+    """
+
+    def __init__(self, stream: TextIO, robot_id: int, monitor: Monitor, grid: DeadlineGrid) -> None:
+        self._stream, self._robot_id, self._monitor, self._grid = stream, robot_id, monitor, grid
+        self._terminal = stream.isatty()
+        self._interval_s = TERMINAL_INTERVAL_S if self._terminal else PLAIN_INTERVAL_S
+        self._due_s = 0.0
+
+    def refresh(self) -> None:
+        """Show the newest status, if it is time to."""
+        now = time.monotonic()
+        if now >= self._due_s:
+            self._due_s = max(self._due_s + self._interval_s, now)
+            self._write(f"\r{self._status()}\x1b[K" if self._terminal else f"{self._status()}\n")
+
+    def finish(self, text: str) -> None:
+        """Leave the live line as it is and write a text below."""
+        self._write(f"\n{text}\n" if self._terminal else f"{text}\n")
+
+    def _status(self) -> str:
+        monitor = self._monitor
+        own = monitor.robots[self._robot_id]
+        reached = sum(map(monitor.reached, monitor.robots))
+        return (
+            f"{self._grid.next_s:5.1f} s  robot {self._robot_id}: {own.goal_distance_m:.2f} m to its goal, "
+            f"nearest {own.min_separation_m:.2f} m, fastest {own.max_speed_m_s:.2f} m/s; "
+            f"{reached} of {len(monitor.robots)} at their goals, {self._grid.misses} deadlines missed"
+        )
+
+    def _write(self, text: str) -> None:
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except BrokenPipeError:
+            # What is still buffered must not fail again when the interpreter exits.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+
+
+def use_colour(stream: TextIO) -> bool:
+    """Whether to colour text: on a terminal, unless NO_COLOR asks for none."""
+    return stream.isatty() and not os.environ.get("NO_COLOR")
+
+
+def summary(report: RunReport, *, colour: bool) -> str:
+    """The report for a person, a fact a line."""
+    rows = [
+        ("stopped", report.stop_reason + (", dry run: nothing was commanded" if report.dry_run else "")),
+        ("objectives", _objectives(report)),
+        ("goals", _goals(report, colour)),
+        ("separation", _separation(report, colour)),
+        ("speed", _speed(report, colour)),
+        ("rate", f"{report.rate_hz:.2f} Hz of {report.nominal_rate_hz:g} Hz, {_misses(report)}"),
+        ("tick", _tick(report)),
+        (
+            "faults",
+            "; ".join(f"{reason}: {count} ticks" for reason, count in report.faults.items()) or "none",
+        ),
+    ]
+    title = f"robot {report.robot_id}, policy {report.policy} ({report.backend}), bridge {report.bridge}"
+    return "\n".join([title, *(f"  {name:<12}{text}" for name, text in rows)])
+
+
+def _objectives(report: RunReport) -> str:
+    if not report.objectives:
+        return "none, the flow is unguided"
+    return f"{', '.join(report.objectives)} (guidance {report.guidance_mode})"
+
+
+def _goals(report: RunReport, colour: bool) -> str:
+    robots = [
+        f"robot {robot.robot_id} "
+        + ("never seen" if robot.goal_distance_m is None else f"{robot.goal_distance_m:.3f} m")
+        for robot in report.robots
+    ]
+    reached = sum(robot.goal_reached for robot in report.robots)
+    verdict = _verdict(report.team_goals_reached, f"{reached} of {len(robots)} reached", colour)
+    return f"{verdict}: {', '.join(robots)}"
+
+
+def _separation(report: RunReport, colour: bool) -> str:
+    least, margin = report.min_separation_m, report.safety_margin_m
+    if least is None:
+        return "no other robot was seen"
+    if margin is None:
+        return f"{least:.3f} m at least"
+    return f"{least:.3f} m at least, margin {margin:g} m {_kept(least >= margin, colour)}"
+
+
+def _speed(report: RunReport, colour: bool) -> str:
+    greatest, limit = report.max_speed_m_s, report.speed_limit_m_s
+    if limit is None:
+        return f"{greatest:.3f} m/s at most"
+    return f"{greatest:.3f} m/s at most, limit {limit:g} m/s {_kept(greatest <= limit, colour)}"
+
+
+def _misses(report: RunReport) -> str:
+    slots = report.ticks + report.deadline_misses
+    text = f"{report.deadline_misses} of {slots} deadlines missed"
+    return text + (f", {report.anytime_ticks} samples cut short" if report.anytime_ticks else "")
+
+
+def _tick(report: RunReport) -> str:
+    tick = report.tick_us
+    stages = ", ".join(f"{name} {stage.p50 / 1e3:.2f}" for name, stage in report.stage_us.items())
+    whole = f"p50 {tick.p50 / 1e3:.2f} ms, p99 {tick.p99 / 1e3:.2f} ms, max {tick.max / 1e3:.2f} ms"
+    return f"{whole} (p50: {stages})"
+
+
+def _kept(kept: bool, colour: bool) -> str:
+    return _verdict(kept, "kept" if kept else "violated", colour)
+
+
+def _verdict(good: bool, text: str, colour: bool) -> str:
+    return f"\x1b[{32 if good else 31}m{text}\x1b[0m" if colour else text

@@ -1,0 +1,65 @@
+"""One robot's decision: what it observes, the action it samples, the command within its limits."""
+
+import math
+import random
+
+from edge_runtime.guidance import Guide, GuidedAction, guided_action
+from edge_runtime.limits import Limits, first_command, limited
+from edge_runtime.messages import Command, TeamState, Vector2
+from edge_runtime.observation import Observer
+from edge_runtime.policy import VelocityField
+from edge_runtime.weights import Array
+
+
+class Controller:
+    """The stages of one robot's tick, in order: ``observe``, ``act``, ``limit``.
+
+    Args:
+        robot_id: whose commands these are.
+        observer: composes its observations.
+        policy: a velocity field of batch 1; controllers that take turns may share one.
+        guide: the objectives.
+        limits: what it may be commanded.
+        start_noise: deviation of the flow's start.
+        seed: of that noise.
+    """
+
+    def __init__(
+        self,
+        robot_id: int,
+        observer: Observer,
+        policy: VelocityField,
+        guide: Guide,
+        limits: Limits,
+        start_noise: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.robot_id = robot_id
+        self.policy = policy
+        self.guide = guide
+        self.command = first_command(robot_id)
+        """The newest command."""
+        self._observer, self._limits = observer, limits
+        self._start_noise, self._random = start_noise, random.Random(seed)
+
+    def observe(self, team: TeamState) -> Array:
+        """Compose the observation (1, O); the next call reuses it."""
+        return self._observer.observe(team)
+
+    def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
+        """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
+        return guided_action(self.policy, observation, team, self.guide, self._start(), deadline_s)
+
+    def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:
+        """Turn the action into this tick's command."""
+        self.command = limited(guided, team, self.command, self._limits, now_s)
+        return self.command
+
+    def decide(self, team: TeamState, now_s: float) -> Command:
+        """All stages at once, without a deadline."""
+        return self.limit(self.act(self.observe(team), team), team, now_s)
+
+    def _start(self) -> Vector2:
+        if not self._start_noise:
+            return (0.0, 0.0)
+        return self._random.gauss(0.0, self._start_noise), self._random.gauss(0.0, self._start_noise)

@@ -1,0 +1,122 @@
+"""The command line of edge-run, and the mission that its flags describe."""
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, NoReturn
+
+from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
+from edge_runtime.config import DEFAULT_FLEET, RATE_HZ, Fleet, load_fleet, load_steering
+from edge_runtime.errors import ConfigError
+from edge_runtime.mission import Mission
+
+DESCRIPTION: Final = """\
+Drive one robot of a team by a flow policy, steered by objectives that it never saw in training.
+With no other flags: the packaged policy, a built-in fleet of four robots, a simulated team."""
+EPILOG: Final = """\
+exit codes:
+  0  the run ended: goals held, --duration over, SIGTERM or SIGINT; the robot was commanded to rest
+  1  the link to the robot failed during the run, or an own objective raised; the robot was stopped
+  2  a flag, file or bundle does not hold together; one line says what, nothing was commanded
+
+examples:
+  edge-run --robot-id 0
+  edge-run --robot-id 2 --fleet fleet.toml --policy policies/navigation --json run.json
+  edge-run --robot-id 0 --objectives slow.toml --duration 20
+  edge-run --robot-id 0 --no-guidance     what the policy does by itself
+  edge-run --robot-id 0 --dry-run         compute everything, command nothing"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a wrong flag as one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ConfigError(f"{message}; see {self.prog} --help")
+
+
+def _number(low: float, high: float) -> Callable[[str], float]:
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must be a number in [{low:g}, {high:g}], got {text!r}")
+        return value
+
+    return convert
+
+
+def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
+    """The command line; ``bridges`` are the links that --bridge may name."""
+    parser = _Parser(
+        prog="edge-run",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("--robot-id", type=int, required=True, metavar="I", help="which robot of the fleet this is")
+    add(
+        "--fleet",
+        type=Path,
+        default=DEFAULT_FLEET,
+        metavar="FILE",
+        help="TOML: team, robots, objectives, guidance",
+    )
+    add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
+    add(
+        "--bridge",
+        choices=bridges,
+        default="sim",
+        help="link to the robot (default: sim, all in this process)",
+    )
+    add(
+        "--rate",
+        type=_number(*RATE_HZ),
+        metavar="HZ",
+        help="control rate; default: the fleet's, else the policy's",
+    )
+    add(
+        "--duration",
+        type=_number(0.001, 1e9),
+        default=60.0,
+        metavar="S",
+        help="longest run in s (default: 60)",
+    )
+    add("--objectives", type=Path, metavar="FILE", help="TOML: replaces the fleet's objectives and guidance")
+    add(
+        "--no-guidance",
+        action="store_true",
+        help="let the flow alone; the report still judges the objectives",
+    )
+    add("--dry-run", action="store_true", help="compute everything, command nothing")
+    add(
+        "--seed",
+        type=int,
+        default=0,
+        help="of the flow's start noise, where guidance asks for it (default: 0)",
+    )
+    add("--json", type=Path, metavar="FILE", help="write the report there")
+    return parser
+
+
+def make_mission(flags: argparse.Namespace) -> Mission:
+    """Read and check every file that the flags name.
+
+    Raises:
+        EdgeError: one line that says what does not hold together.
+    """
+    fleet = load_fleet(flags.fleet)
+    steering = load_steering(flags.objectives) if flags.objectives else fleet.steering
+    fleet.robot(flags.robot_id)
+    bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet)
+    rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
+    return Mission(flags.robot_id, fleet, bundle, steering, rate_hz, flags.seed, guided=not flags.no_guidance)
+
+
+def _fleet_bundle(fleet: Fleet) -> Bundle:
+    name = fleet.team.policy
+    return load_bundle(fleet.path.parent / name) if "/" in name else packaged_bundle(name)

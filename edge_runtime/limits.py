@@ -1,0 +1,92 @@
+"""The last word before the bridge: a guided action becomes a command that is finite and within limits.
+
+Whatever cannot be trusted stops the robot in the same tick: a faulty or non-finite action, a non-finite
+state, an own state that is too old.
+"""
+
+import math
+
+import msgspec
+
+from edge_runtime.dynamics import Preview
+from edge_runtime.guidance import GuidedAction
+from edge_runtime.messages import Command, RobotState, TeamState, Vector2
+
+
+class Limits(msgspec.Struct, frozen=True, gc=False):
+    """What one robot may be commanded."""
+
+    low: Vector2
+    """Least action per axis, in the policy's action units."""
+    high: Vector2
+    """Greatest action per axis."""
+    preview: Preview
+    """The robot's motion over one control period, for the velocity setpoint."""
+    max_step: float
+    """Greatest change of each action component from one command to the next; may be infinite."""
+    max_state_age_s: float
+
+
+def limited(
+    guided: GuidedAction, team: TeamState, previous: Command, limits: Limits, now_s: float
+) -> Command:
+    """Turn a guided action into this tick's command.
+
+    Args:
+        guided: the sampled action.
+        team: the states that it was sampled from.
+        previous: the command before this one.
+        limits: the robot's limits.
+        now_s: monotonic time.
+
+    Returns:
+        A command whose action is clamped and slew-limited, with the velocity that it leads to; zero, with
+        the reason, where something is wrong.
+    """
+    fault = guided.fault or team_fault(team, limits.max_state_age_s, now_s)
+    if not fault and not _finite(guided.action):
+        fault = "the action is not finite"
+    if fault:
+        return stop_command(previous, fault, now_s)
+    steps = zip(guided.action, previous.action, limits.low, limits.high, strict=True)
+    x, y = (_component(wanted, last, low, high, limits.max_step) for wanted, last, low, high in steps)
+    keep, gain = limits.preview.velocity_decay, limits.preview.velocity_gain
+    vx, vy = team.own.velocity_m_s
+    velocity = (keep * vx + gain * x, keep * vy + gain * y)
+    return Command(team.own.robot_id, previous.sequence + 1, now_s, (x, y), velocity)
+
+
+def stop_command(previous: Command, reason: str, now_s: float) -> Command:
+    """The zero command that follows ``previous``."""
+    return Command(previous.robot_id, previous.sequence + 1, now_s, (0.0, 0.0), (0.0, 0.0), reason)
+
+
+def first_command(robot_id: int) -> Command:
+    """What counts as the command before the first: rest."""
+    return Command(robot_id, -1, 0.0, (0.0, 0.0), (0.0, 0.0))
+
+
+def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
+    """Why no action may rest on these states; empty if one may."""
+    if not _usable(team.own):
+        return "the robot's own state is not finite"
+    age = now_s - team.own.stamp_s
+    if not age <= max_age_s:
+        return f"the robot's own state is {age:.3f} s old, at most {max_age_s:g} s may be"
+    for mate in team.teammates:
+        if not (_usable(mate.state) and _finite(mate.intended_action)):
+            return f"the state of robot {mate.state.robot_id} is not finite"
+    return ""
+
+
+def _component(wanted: float, last: float, low: float, high: float, max_step: float) -> float:
+    stepped = min(max(wanted, last - max_step), last + max_step)
+    return min(max(stepped, low), high)
+
+
+def _usable(state: RobotState) -> bool:
+    return _finite(state.position_m) and _finite(state.velocity_m_s)
+
+
+def _finite(vector: Vector2) -> bool:
+    return math.isfinite(vector[0]) and math.isfinite(vector[1])

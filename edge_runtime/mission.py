@@ -1,0 +1,90 @@
+"""What one run is about, put together from the fleet, the bundle and the flags, and checked as a whole."""
+
+import math
+from dataclasses import dataclass
+
+from edge_runtime.bundle import Bundle
+from edge_runtime.config import Fleet, Robot, Steering
+from edge_runtime.controller import Controller
+from edge_runtime.errors import ConfigError
+from edge_runtime.guidance import Guide
+from edge_runtime.limits import Limits
+from edge_runtime.objectives import Objective
+from edge_runtime.observation import Observer
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One robot's run in its team.
+
+    Raises:
+        ConfigError: if the robot is not in the fleet, or two of the policy's discs would overlap at
+            their starts or goals.
+    """
+
+    robot_id: int
+    fleet: Fleet
+    bundle: Bundle
+    steering: Steering
+    rate_hz: float
+    seed: int = 0
+    guided: bool = True
+    """False leaves the flow alone; reports still say what the objectives would have wanted."""
+
+    def __post_init__(self) -> None:
+        self.fleet.robot(self.robot_id)
+        self._check_apart("start_m")
+        self._check_apart("goal_m")
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The objectives that steer."""
+        return self.steering.objectives if self.guided else ()
+
+    @property
+    def period_s(self) -> float:
+        """The control period."""
+        return 1.0 / self.rate_hz
+
+    def controllers(self) -> dict[int, Controller]:
+        """One controller for every robot of the fleet; they share one policy and must take turns."""
+        policy = self.bundle.policy()
+        # Objectives look ahead in the policy's own control steps, whatever the rate it is run at.
+        guidance = self.steering.guidance
+        guide = Guide(guidance, self.objectives, self.bundle.manifest.dynamics)
+        limits = self._limits()
+        return {
+            robot.id: Controller(
+                robot.id,
+                Observer(self.bundle.manifest, robot.goal_m),
+                policy,
+                guide,
+                limits,
+                guidance.start_noise,
+                self.seed * 2**16 + robot.id,
+            )
+            for robot in self.fleet.robots
+        }
+
+    def _limits(self) -> Limits:
+        team, manifest = self.fleet.team, self.bundle.manifest
+        x, y = manifest.action
+        return Limits(
+            low=(x.low, y.low),
+            high=(x.high, y.high),
+            preview=manifest.dynamics.at_period(self.period_s).preview(1),
+            max_step=math.inf if team.slew_per_s is None else team.slew_per_s * self.period_s,
+            max_state_age_s=team.max_state_age_s,
+        )
+
+    def _check_apart(self, place: str) -> None:
+        diameter = 2.0 * self.bundle.manifest.body.radius_m
+        robots: tuple[Robot, ...] = self.fleet.robots
+        for index, robot in enumerate(robots):
+            for other in robots[:index]:
+                distance = math.dist(getattr(robot, place), getattr(other, place))
+                if distance < diameter:
+                    raise ConfigError(
+                        f"{self.fleet.path}: robots[{index}].{place}: {distance:.3f} m from that of robot "
+                        f"{other.id}; their discs need at least {diameter:g} m"
+                    )

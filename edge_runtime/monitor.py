@@ -1,0 +1,73 @@
+"""Keeps count of what a run is judged by: goals, distances, speeds, faults."""
+
+import itertools
+import math
+from collections import Counter
+
+from edge_runtime.config import Fleet
+from edge_runtime.guidance import GuidedAction
+from edge_runtime.messages import Command, RobotState, TeamState
+
+
+class RobotTally:
+    """What one robot, as this process sees it, has done so far."""
+
+    def __init__(self) -> None:
+        self.goal_distance_m = math.inf
+        self.min_separation_m = math.inf
+        self.max_speed_m_s = 0.0
+
+
+class Monitor:
+    """Follows one run tick by tick.
+
+    Args:
+        fleet: the robots with their goals.
+        hold_ticks: for how many ticks in a row all robots must be at their goals to hold them.
+        euler_steps: of a complete sample.
+    """
+
+    def __init__(self, fleet: Fleet, hold_ticks: int, euler_steps: int) -> None:
+        self.robots = {robot.id: RobotTally() for robot in fleet.robots}
+        self.faults: Counter[str] = Counter()
+        """Ticks that stopped the robot, by reason."""
+        self.anytime_ticks = 0
+        """Ticks whose sample was cut short by the deadline."""
+        self._goals = {robot.id: robot.goal_m for robot in fleet.robots}
+        self._tolerance_m = fleet.team.goal_tolerance_m
+        self._hold_ticks, self._held = hold_ticks, 0
+        self._euler_steps = euler_steps
+
+    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+        """Take one tick into account."""
+        states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
+        self._follow_team(states)
+        if command.stop_reason:
+            self.faults[command.stop_reason] += 1
+        elif guided.steps < self._euler_steps:
+            self.anytime_ticks += 1
+
+    def no_state(self) -> None:
+        """Count a tick in which the bridge had no state to give."""
+        self.faults["no state from the bridge yet"] += 1
+
+    def reached(self, robot_id: int) -> bool:
+        """Whether a robot is at its goal now."""
+        return self.robots[robot_id].goal_distance_m <= self._tolerance_m
+
+    @property
+    def all_hold(self) -> bool:
+        """Whether all robots have been at their goals long enough."""
+        return self._held >= self._hold_ticks
+
+    def _follow_team(self, states: list[RobotState]) -> None:
+        for state in states:
+            tally = self.robots[state.robot_id]
+            tally.goal_distance_m = math.dist(state.position_m, self._goals[state.robot_id])
+            tally.max_speed_m_s = max(tally.max_speed_m_s, math.hypot(*state.velocity_m_s))
+        for state, other in itertools.combinations(states, 2):
+            distance = math.dist(state.position_m, other.position_m)
+            for robot_id in (state.robot_id, other.robot_id):
+                tally = self.robots[robot_id]
+                tally.min_separation_m = min(tally.min_separation_m, distance)
+        self._held = self._held + 1 if all(map(self.reached, self.robots)) else 0

@@ -1,0 +1,120 @@
+"""The policy's input, composed in the order of the manifest's fields: SI units, the team's frame.
+
+``goal_offset`` is position minus goal. ``proximity`` is the sensor's range minus its readings, so that
+free space is zero. Without a real sensor the readings are computed from the teammates' discs as VMAS
+1.5.2 computes them: rays point along fixed directions of the team's frame, the first along x, and start
+at the robot's centre; a disc counts only if its centre lies ahead; the reading is the first crossing with
+its rim, below zero where the ray starts inside the disc, and never above the sensor's range.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.errors import PolicyError
+from edge_runtime.manifest import Body, Manifest
+from edge_runtime.messages import TeamState, Vector2
+from edge_runtime.scene import Floats, TeamBatch
+from edge_runtime.weights import Array
+
+
+class Observer:
+    """Composes one robot's observations; the returned array is reused by the next call.
+
+    Args:
+        manifest: names the fields and the robot's body; already checked.
+        goal_m: where the robot is to go.
+    """
+
+    def __init__(self, manifest: Manifest, goal_m: Vector2) -> None:
+        self.goal_m = goal_m
+        self._body = manifest.body
+        self._fields = tuple(field.name for field in manifest.observation)
+        self._rays: list[Vector2] = [(x, y) for x, y in ray_directions(manifest.body.lidar_rays).tolist()]
+        self._vector = np.zeros((1, manifest.observation_dim), np.float32)
+
+    def observe(self, team: TeamState, ranges_m: Sequence[float] | None = None) -> Array:
+        """Compose the observation (1, O).
+
+        Args:
+            team: the robot's own state and its teammates'.
+            ranges_m: the readings of a real sensor, one per ray; None computes them from the teammates.
+
+        Raises:
+            PolicyError: if the number of readings is not the number of rays.
+        """
+        position, velocity = team.own.position_m, team.own.velocity_m_s
+        if ranges_m is None:
+            mates = [mate.state.position_m for mate in team.teammates]
+            ranges_m = disc_ranges(position, mates, self._rays, self._body)
+        elif len(ranges_m) != len(self._rays):
+            raise PolicyError(f"got {len(ranges_m)} ranges, the policy's sensor has {len(self._rays)} rays")
+        reach = self._body.lidar_range_m
+        parts: dict[str, Sequence[float]] = {
+            "position": position,
+            "velocity": velocity,
+            "goal_offset": (position[0] - self.goal_m[0], position[1] - self.goal_m[1]),
+            "proximity": [reach - reading for reading in ranges_m],
+        }
+        self._vector[0] = [value for name in self._fields for value in parts[name]]
+        return self._vector
+
+
+def ray_directions(count: int) -> Floats:
+    """Unit vectors (R, 2) of the sensor's rays, evenly spread, the first along x."""
+    angle = np.arange(count) * (2.0 * math.pi / max(count, 1))
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def disc_ranges(
+    origin: Vector2, discs: Sequence[Vector2], rays: Sequence[Vector2], body: Body
+) -> list[float]:
+    """Readings of one sensor, in m: see the module's text.
+
+    Args:
+        origin: the robot's centre.
+        discs: the teammates' centres; all have the body's radius.
+        rays: unit vectors.
+        body: radius and sensor range.
+    """
+    ranges = [body.lidar_range_m] * len(rays)
+    square = body.radius_m * body.radius_m
+    visible = body.lidar_range_m + body.radius_m
+    for disc_x, disc_y in discs:
+        x, y = disc_x - origin[0], disc_y - origin[1]
+        if x * x + y * y >= visible * visible:
+            continue
+        for ray, (ray_x, ray_y) in enumerate(rays):
+            ahead, aside = x * ray_x + y * ray_y, x * ray_y - y * ray_x
+            if ahead > 0.0 and aside * aside < square:
+                ranges[ray] = min(ranges[ray], ahead - math.sqrt(square - aside * aside))
+    return ranges
+
+
+def observe_batch(manifest: Manifest, team: TeamBatch, goal_m: Floats) -> Array:
+    """Compose the observations of B robots with goals (B, 2): (B, O).
+
+    A non-finite state leaves its own row non-finite.
+    """
+    parts = {
+        "position": team.position_m,
+        "velocity": team.velocity_m_s,
+        "goal_offset": team.position_m - goal_m,
+        "proximity": manifest.body.lidar_range_m - disc_ranges_batch(team, manifest.body),
+    }
+    return np.concatenate([parts[field.name] for field in manifest.observation], -1).astype(np.float32)
+
+
+def disc_ranges_batch(team: TeamBatch, body: Body) -> Floats:
+    """Readings (B, R) of B sensors, in m."""
+    rays = ray_directions(body.lidar_rays)
+    offset = team.mate_position_m - team.position_m[:, None]
+    ahead = offset @ rays.T
+    aside = offset @ np.stack([rays[:, 1], -rays[:, 0]])
+    chord = body.radius_m**2 - np.square(aside)
+    passed = (ahead <= 0.0) | (chord <= 0.0)
+    reading = np.where(passed, body.lidar_range_m, ahead - np.sqrt(np.maximum(chord, 0.0)))
+    nearest: npt.NDArray[np.float64] = reading.min(1, initial=body.lidar_range_m)
+    return nearest

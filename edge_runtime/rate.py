@@ -1,0 +1,135 @@
+"""The deadline grid that paces the loop, and the record of where each tick's time went."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import msgspec
+import numpy as np
+
+
+class DeadlineGrid:
+    """Fixed absolute deadlines, one a period: late ticks are skipped and counted, never made up for.
+
+    Args:
+        period_s: distance between deadlines.
+        clock: monotonic time in seconds.
+        sleep: waits for a number of seconds; may return late.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.period_s = period_s
+        self.ticks = 0
+        self.misses = 0
+        self.longest_burst = 0
+        """Most deadlines missed in a row."""
+        self._clock, self._sleep = clock, sleep
+        self._origin: float | None = None
+        self._index = 0
+
+    @property
+    def next_s(self) -> float:
+        """When the next deadline comes, counted from the first."""
+        return 0.0 if self._origin is None else (self._index + 1) * self.period_s
+
+    @property
+    def rate_hz(self) -> float:
+        """Ticks per second from the first to the newest; 0 before there are two."""
+        return (self.ticks - 1) / (self._index * self.period_s) if self.ticks > 1 else 0.0
+
+    def wait(self) -> float:
+        """Sleep until the next deadline still ahead and return its time.
+
+        The first call sets the grid's origin and returns at once. A tick counts as missed if the caller
+        came after its deadline, or if the sleep lasted beyond its whole period.
+        """
+        self.ticks += 1
+        if self._origin is None:
+            self._origin = self._clock()
+            return self._origin
+        before = self._index
+        while True:
+            elapsed = self._clock() - self._origin
+            self._index = max(self._index + 1, math.ceil(elapsed / self.period_s))
+            deadline = self._origin + self._index * self.period_s
+            self._sleep(max(0.0, deadline - self._clock()))
+            if self._clock() < deadline + self.period_s:
+                break
+        missed = self._index - before - 1
+        self.misses += missed
+        self.longest_burst = max(self.longest_burst, missed)
+        return deadline
+
+
+class Percentiles(msgspec.Struct, frozen=True):
+    """A distribution in a few numbers."""
+
+    p50: float
+    p99: float
+    p99_9: float
+    max: float
+
+
+class TimingRecord:
+    """Durations of each tick and its stages in microseconds, in rings allocated beforehand.
+
+    Args:
+        stages: names in the order of a tick.
+        capacity: ticks that the percentiles look back on; the maxima are those of the whole run.
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(
+        self,
+        stages: Sequence[str],
+        capacity: int = 16384,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.stages = ("wake", *stages)
+        self._clock = clock
+        self._ring = np.zeros((capacity, len(self.stages) + 1), np.float32)
+        self._ring.fill(0.0)  # touch every page now, not in the loop
+        self._max = [0.0] * (len(self.stages) + 1)
+        self._laps: list[float] = []
+        self._ticks = 0
+        self._start = self._last = 0.0
+
+    def begin(self, deadline_s: float) -> None:
+        """Start a tick that was due at ``deadline_s``: the stage ``wake`` is how late it starts."""
+        self._start = self._last = self._clock()
+        self._laps = [(self._start - deadline_s) * 1e6]
+
+    def lap(self) -> None:
+        """End the tick's next stage."""
+        now = self._clock()
+        self._laps.append((now - self._last) * 1e6)
+        self._last = now
+
+    def end(self) -> float:
+        """End the tick and return how long it took, in microseconds; it must have had all its stages."""
+        total = (self._last - self._start) * 1e6
+        self._laps.append(total)
+        self._ring[self._ticks % len(self._ring)] = self._laps
+        self._max = [max(pair) for pair in zip(self._max, self._laps, strict=True)]
+        self._ticks += 1
+        return total
+
+    def tick_us(self) -> Percentiles:
+        """Distribution of whole ticks, from wake-up to the command's departure."""
+        return self._percentiles(len(self.stages))
+
+    def stage_us(self) -> dict[str, Percentiles]:
+        """Distribution of every stage."""
+        return {name: self._percentiles(column) for column, name in enumerate(self.stages)}
+
+    def _percentiles(self, column: int) -> Percentiles:
+        kept = self._ring[: min(self._ticks, len(self._ring)), column]
+        if not len(kept):
+            return Percentiles(0.0, 0.0, 0.0, 0.0)
+        p50, p99, p99_9 = np.percentile(kept, [50.0, 99.0, 99.9]).tolist()
+        return Percentiles(p50, p99, p99_9, self._max[column])

@@ -1,0 +1,113 @@
+"""What a run ends with: the record that ``--json`` writes and the summary shows."""
+
+import math
+
+import msgspec
+
+from edge_runtime.mission import Mission
+from edge_runtime.monitor import Monitor
+from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.rate import DeadlineGrid, Percentiles, TimingRecord
+
+
+class RobotReport(msgspec.Struct, frozen=True):
+    """One robot of the team, as the reporting robot saw it; None for what it never saw."""
+
+    robot_id: int
+    goal_distance_m: float | None
+    goal_reached: bool
+    min_separation_m: float | None
+    """Least distance between its centre and any other's."""
+    max_speed_m_s: float
+
+
+class RunReport(msgspec.Struct, frozen=True, kw_only=True):
+    """A finished run."""
+
+    robot_id: int
+    policy: str
+    backend: str
+    bridge: str
+    dry_run: bool
+    objectives: tuple[str, ...]
+    """Names of the objectives that steered; none if unguided."""
+    guidance_mode: str
+    ticks: int
+    rate_hz: float
+    """Ticks per second, from the first tick to the last."""
+    nominal_rate_hz: float
+    deadline_misses: int
+    longest_miss_burst: int
+    anytime_ticks: int
+    """Ticks whose sample was cut short by the deadline."""
+    faults: dict[str, int]
+    """Ticks that stopped the robot, by reason."""
+    tick_us: Percentiles
+    """From wake-up to the command's departure."""
+    stage_us: dict[str, Percentiles]
+    goal_reached: bool
+    """This robot is at its goal."""
+    team_goals_reached: bool
+    min_separation_m: float | None
+    """Least distance between any two centres of the team; None if no other robot was seen."""
+    safety_margin_m: float | None
+    """What the objectives ask of it, guided or not."""
+    max_speed_m_s: float
+    """Greatest speed of any robot of the team."""
+    speed_limit_m_s: float | None
+    robots: tuple[RobotReport, ...]
+    stop_reason: str
+
+
+def make_report(
+    mission: Mission,
+    monitor: Monitor,
+    grid: DeadlineGrid,
+    timing: TimingRecord,
+    stop_reason: str,
+    *,
+    bridge: str,
+    backend: str,
+    dry_run: bool,
+) -> RunReport:
+    """Sum up a run."""
+    robots = tuple(_robot_report(robot_id, monitor) for robot_id in monitor.robots)
+    separations = [robot.min_separation_m for robot in robots if robot.min_separation_m is not None]
+    wanted = mission.steering.objectives
+    return RunReport(
+        robot_id=mission.robot_id,
+        policy=mission.bundle.manifest.name,
+        backend=backend,
+        bridge=bridge,
+        dry_run=dry_run,
+        objectives=tuple(objective.name for objective in mission.objectives),
+        guidance_mode=mission.steering.guidance.mode,
+        ticks=grid.ticks,
+        rate_hz=grid.rate_hz,
+        nominal_rate_hz=mission.rate_hz,
+        deadline_misses=grid.misses,
+        longest_miss_burst=grid.longest_burst,
+        anytime_ticks=monitor.anytime_ticks,
+        faults=dict(monitor.faults),
+        tick_us=timing.tick_us(),
+        stage_us=timing.stage_us(),
+        goal_reached=monitor.reached(mission.robot_id),
+        team_goals_reached=all(robot.goal_reached for robot in robots),
+        min_separation_m=min(separations, default=None),
+        safety_margin_m=max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None),
+        max_speed_m_s=max(robot.max_speed_m_s for robot in robots),
+        speed_limit_m_s=min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None),
+        robots=robots,
+        stop_reason=stop_reason,
+    )
+
+
+def _robot_report(robot_id: int, monitor: Monitor) -> RobotReport:
+    tally = monitor.robots[robot_id]
+    return RobotReport(
+        robot_id,
+        tally.goal_distance_m if math.isfinite(tally.goal_distance_m) else None,
+        monitor.reached(robot_id),
+        tally.min_separation_m if math.isfinite(tally.min_separation_m) else None,
+        tally.max_speed_m_s,
+    )

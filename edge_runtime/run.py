@@ -1,0 +1,151 @@
+"""edge-run: drives one robot of a team by a guided flow policy."""
+
+import gc
+import importlib
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TextIO
+
+import msgspec
+
+from edge_runtime.console import LiveLine, summary, use_colour
+from edge_runtime.controller import Controller
+from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.flags import make_mission, make_parser
+from edge_runtime.fleet import FleetLink
+from edge_runtime.messages import TeamState
+from edge_runtime.mission import Mission
+from edge_runtime.monitor import Monitor
+from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.report import RunReport, make_report
+from edge_runtime.signals import StopSignals
+
+if TYPE_CHECKING:
+    from firmware_bridge.bridge import Bridge
+
+BRIDGES: Final = {"sim": "firmware_bridge.sim"}
+"""Modules whose ``open_bridge(mission)`` makes a bridge and the link to the team; imported when chosen."""
+STAGES: Final = ("read", "observe", "act", "limit", "write")
+ACTION_SHARE: Final = 0.8
+"""Share of the period by whose end the action must be sampled; the rest is for the command's way out."""
+HOLD_S: Final = 1.0
+"""The run ends when all robots have been at their goals for this long."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What the loop works with."""
+
+    controller: Controller
+    grid: DeadlineGrid
+    timing: TimingRecord
+    monitor: Monitor
+    live: LiveLine
+    dry_run: bool
+
+
+def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable[[], str]) -> str:
+    """Run the control loop until ``ending`` gives a reason, and return it."""
+    controller, grid, timing, monitor = session.controller, session.grid, session.timing, session.monitor
+    while not (reason := ending()):
+        deadline_s = grid.wait()
+        timing.begin(deadline_s)
+        own = bridge.read()
+        if own is None:
+            monitor.no_state()
+            continue
+        team = TeamState(own, fleet.teammates())
+        timing.lap()
+        observation = controller.observe(team)
+        timing.lap()
+        guided = controller.act(observation, team, deadline_s + ACTION_SHARE * grid.period_s)
+        timing.lap()
+        command = controller.limit(guided, team, time.monotonic())
+        timing.lap()
+        if not session.dry_run:
+            bridge.write(command)
+        timing.lap()
+        timing.end()
+        monitor.follow(team, guided, command)
+        session.live.refresh()
+    return reason
+
+
+def run(
+    mission: Mission, bridge_name: str, duration_s: float, signals: StopSignals, *, dry_run: bool
+) -> RunReport:
+    """Drive the mission's robot until all goals are held, the duration is over or a signal comes.
+
+    Raises:
+        BridgeError: if the link to the robot cannot be opened or fails.
+    """
+    bridge = importlib.import_module(BRIDGES[bridge_name]).open_bridge(mission)
+    session = _prepare(mission, dry_run=dry_run)
+    monitor, grid = session.monitor, session.grid
+
+    def ending() -> str:
+        over = "duration" if grid.next_s >= duration_s else ""
+        return signals.reason or ("goals held" if monitor.all_hold else over)
+
+    gc.collect()
+    gc.freeze()
+    with bridge:
+        reason = drive(session, bridge, bridge, ending)
+        bridge.stop(reason)
+    report = make_report(
+        mission,
+        monitor,
+        grid,
+        session.timing,
+        reason,
+        bridge=bridge.name,
+        backend=session.controller.policy.backend,
+        dry_run=dry_run,
+    )
+    session.live.finish(summary(report, colour=use_colour(sys.stdout)))
+    return report
+
+
+def _prepare(mission: Mission, *, dry_run: bool) -> Session:
+    controller = mission.controllers()[mission.robot_id]
+    hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
+    grid = DeadlineGrid(mission.period_s)
+    monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
+    live = LiveLine(sys.stdout, mission.robot_id, monitor, grid)
+    return Session(controller, grid, TimingRecord(STAGES), monitor, live, dry_run)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-run``; returns the exit code."""
+    try:
+        flags = make_parser(tuple(BRIDGES)).parse_args(arguments)
+        mission = make_mission(flags)
+        report_file = _open_report(flags.json) if flags.json else None
+    except EdgeError as error:
+        print(f"edge-run: {error}", file=sys.stderr)
+        return 2
+    try:
+        with StopSignals() as signals:
+            report = run(mission, flags.bridge, flags.duration, signals, dry_run=flags.dry_run)
+    except EdgeError as error:
+        print(f"edge-run: {error}", file=sys.stderr)
+        return 1
+    if report_file:
+        with report_file:
+            report_file.write(msgspec.json.format(msgspec.json.encode(report)).decode() + "\n")
+    return 0
+
+
+def _open_report(path: Path) -> TextIO:
+    try:
+        return path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""TOML tables to frozen records; every error is one line that names the file, the key and what is allowed."""
+
+import math
+import re
+import types
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+
+T = TypeVar("T")
+Table = dict[str, Any]
+
+
+def read_toml(path: Path) -> Table:
+    """Read a TOML file whose numbers are all finite.
+
+    Raises:
+        ConfigError: if the file cannot be read, is not TOML, or holds nan or inf.
+    """
+    try:
+        table: Table = msgspec.toml.decode(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not TOML ({error})") from error
+    _refuse_non_finite(table, path, "")
+    return table
+
+
+def to_record(table: object, record: type[T], path: Path, key: str = "") -> T:
+    """Convert what TOML holds at ``key`` of the file into a record.
+
+    Raises:
+        ConfigError: names the file, the dotted key and the types, values or keys allowed there.
+    """
+    try:
+        return msgspec.convert(table, record)
+    except msgspec.ValidationError as error:
+        complaint, _, place = str(error).partition(" - at `$")
+        place = place.rstrip("`")
+        refuse(path, f"{key}{place}".lstrip("."), f"{complaint}{_allowed(complaint, record, place)}")
+
+
+def refuse(path: Path, key: str, complaint: str) -> NoReturn:
+    """Raise the ConfigError for one key of one file; an empty key is the whole file."""
+    raise ConfigError(": ".join(part for part in (str(path), key, complaint) if part))
+
+
+def _refuse_non_finite(value: object, path: Path, key: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        refuse(path, key, f"must be a finite number, got {value}")
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            _refuse_non_finite(item, path, f"{key}.{name}".lstrip("."))
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            _refuse_non_finite(item, path, f"{key}[{index}]")
+
+
+def _allowed(complaint: str, record: object, place: str) -> str:
+    """What the record allows at a place such as ``.robots[0].id``, where that helps; else nothing."""
+    expected = _type_at(record, re.findall(r"\w+|\[", place))
+    if complaint.startswith("Invalid enum value"):
+        return f"; allowed: {', '.join(map(repr, get_args(expected)))}"
+    if "field" in complaint and isinstance(expected, type) and issubclass(expected, msgspec.Struct):
+        return f"; its keys: {', '.join(expected.__struct_encode_fields__)}"
+    return ""
+
+
+def _type_at(expected: Any, steps: list[str]) -> Any:  # noqa: ANN401  # types of any form
+    if get_origin(expected) in (Union, types.UnionType):
+        expected = next(option for option in get_args(expected) if option is not type(None))
+    if not steps or get_origin(expected) is Literal:
+        return expected
+    if steps[0] == "[":
+        return _type_at(get_args(expected)[0], steps[2:])
+    return _type_at(get_type_hints(expected)[steps[0]], steps[1:])

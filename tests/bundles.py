@@ -1,0 +1,65 @@
+"""Bundles for the tests: a hand-made policy that drives straight to its goal, written as files."""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from edge_runtime.bundle import DIGEST_FILE, MANIFEST_FILE, digest_line
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.manifest import BUNDLE_FORMAT, ActionField, Body, Manifest, Network, ObservationField
+from edge_runtime.weight_file import pack_weights
+from edge_runtime.weights import FlowWeights
+
+MANIFEST = Manifest(
+    format=BUNDLE_FORMAT,
+    name="straight",
+    runtime="numpy",
+    observation=(
+        ObservationField("position", 2, "m"),
+        ObservationField("velocity", 2, "m/s"),
+        ObservationField("goal_offset", 2, "m"),
+        ObservationField("proximity", 12, "m"),
+    ),
+    action=(ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0)),
+    control_rate_hz=10.0,
+    euler_steps=10,
+    network=Network("tanh", (2,), None),
+    dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
+    body=Body(radius_m=0.1, lidar_rays=12, lidar_range_m=0.35),
+    training=None,
+    files={},
+)
+
+
+def straight_weights() -> FlowWeights:
+    """A velocity field that carries the origin to the force 2 tanh(-goal_offset), wherever it stands."""
+    observation = np.zeros((18, 2), np.float32)
+    observation[4, 0] = observation[5, 1] = -1.0
+    return FlowWeights(
+        activation="tanh",
+        action=np.zeros((2, 2), np.float32),
+        observation=observation,
+        time=np.zeros((1, 2), np.float32),
+        time_frequency=np.zeros(0, np.float32),
+        time_phase=np.zeros(0, np.float32),
+        matrices=(2.0 * np.eye(2, dtype=np.float32),),
+        biases=(np.zeros(2, np.float32), np.zeros(2, np.float32)),
+    )
+
+
+def write_straight_bundle(directory: Path) -> Path:
+    """Write the straight policy as a bundle that the numpy runtime loads."""
+    directory.mkdir()
+    contents = {
+        "policy.npz": pack_weights(straight_weights()),
+        "policy.onnx": b"not used by the numpy runtime",
+    }
+    for name, content in contents.items():
+        (directory / name).write_bytes(content)
+    files = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+    encoded = msgspec.json.encode(msgspec.structs.replace(MANIFEST, files=files))
+    (directory / MANIFEST_FILE).write_bytes(encoded)
+    (directory / DIGEST_FILE).write_bytes(digest_line(encoded))
+    return directory
