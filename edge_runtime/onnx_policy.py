@@ -37,7 +37,8 @@ class OnnxPolicy:
         batch: B.
 
     Raises:
-        PolicyError: if a number is below one, onnxruntime is not installed, or the graph does not fit.
+        PolicyError: if a number is below one, onnxruntime is not installed, or the graph does not fit
+            or cannot be computed.
     """
 
     backend = "onnxruntime"
@@ -53,6 +54,11 @@ class OnnxPolicy:
         self._observation = np.zeros((batch, observation_dim), np.float32)
         self._result = np.empty((1 + action_dim, batch, action_dim), np.float32)
         _check_sizes(self._session, {"action": action_dim, "tau": 1, "observation": observation_dim}, graph)
+        try:
+            self.step(0, np.zeros((batch, action_dim), np.float32))
+        except Exception as error:  # onnxruntime's errors share no other base class
+            reason = str(error).splitlines()[0]
+            raise PolicyError(f"{graph}: cannot be computed for a batch of {batch} ({reason})") from error
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.

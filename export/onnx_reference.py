@@ -73,7 +73,13 @@ class GraphReference:
 
     def _velocity(self, inputs: Inputs, action: Floats) -> Floats:
         feed = {"action": action, "tau": inputs.tau[:, None], "observation": inputs.observation}
-        return self._evaluator.run(["velocity"], feed)[0]
+        try:
+            return self._evaluator.run(["velocity"], feed)[0]
+        except Exception as error:  # each operator's numpy code fails in its own way
+            raise PolicyError(
+                f"the graph cannot be computed for a batch of {len(action)} ({error}): "
+                "export it with a dynamic batch dimension (dynamic_axes of torch.onnx.export)"
+            ) from error
 
 
 def _doubled(model: ModelProto) -> ModelProto:

@@ -1,0 +1,88 @@
+"""Every refusal of a manifest names the file, the key, what was found and what fits."""
+
+import pytest
+from bundle_files import edit_manifest, sign, write_bundle
+
+from edge_runtime.bundle import load_bundle
+from edge_runtime.errors import BundleError
+
+KNOWN = "must be one of position, velocity, goal_offset, proximity"
+POSITIVE = "must be a finite number above 0"
+
+REFUSALS = [
+    ("format", "cfpg-bundle/2", "format is 'cfpg-bundle/2', must be 'cfpg-bundle/1'"),
+    ("name", " ", "name is ' ', must be a name"),
+    ("runtime", "torch", "Invalid enum value 'torch' - at `$.runtime`"),
+    ("control_rate_hz", 0, f"control_rate_hz is 0.0, {POSITIVE}"),
+    ("control_rate_hz", "10", "Expected `float`, got `str` - at `$.control_rate_hz`"),
+    ("euler_steps", 0, "euler_steps is 0, must be between 1 and 1000"),
+    ("euler_steps", True, "Expected `int`, got `bool` - at `$.euler_steps`"),
+    ("body.radius_m", -0.1, f"body.radius_m is -0.1, {POSITIVE}"),
+    ("body.lidar_rays", -1, "body.lidar_rays is -1, must be 0 (no sensor) or more"),
+    ("body.lidar_range_m", 0, f"body.lidar_range_m is 0.0, {POSITIVE}"),
+    ("dynamics.mass_kg", 0, f"dynamics.mass_kg is 0.0, {POSITIVE}"),
+    ("dynamics.drag", 1.0, "dynamics.drag is 1.0, must be at least 0 and below 1"),
+    ("dynamics.dt_s", -1, f"dynamics.dt_s is -1.0, {POSITIVE}"),
+    ("dynamics.substeps", 0, "dynamics.substeps is 0, must be at least 1"),
+    ("observation", [], "observation is []"),
+    ("observation.0.name", "pose", f"observation[0].name is 'pose', {KNOWN}"),
+    (
+        "observation.1.name",
+        "position",
+        "observation[1].name is 'position', must be named once, it is repeated",
+    ),
+    ("observation.1.unit", "km/h", "observation[1].unit is 'km/h', must be 'm/s' for velocity"),
+    ("observation.0.size", 3, "observation[0].size is 3, must be 2 for position"),
+    ("observation.3.size", 11, "observation[3].size is 11, must be 12 for proximity (body.lidar_rays)"),
+    ("action", [], "action is {}, must be in order force_x in N, force_y in N"),
+    ("action.0.name", "force_y", "must be in order force_x in N, force_y in N"),
+    ("action.1.unit", "lbf", "action is {'force_x': 'N', 'force_y': 'lbf'}, must be in order"),
+    ("action.1.low", 1.0, "action[1].low is 1.0, must be below its high, 1.0"),
+    ("network", None, "network is None, must be given for runtime 'numpy'"),
+    ("network.activation", "relu", "Invalid enum value 'relu' - at `$.network.activation`"),
+    ("network.hidden", [], "network.hidden is (), must be one width or more, each at least 1"),
+    ("network.hidden", [8, 0], "network.hidden is (8, 0), must be one width or more, each at least 1"),
+    ("network.prior_std", 0, f"network.prior_std is 0.0, {POSITIVE}"),
+    ("training.frames", -1, "training.frames is -1, must be at least 0"),
+    ("training.score", 1.5, "training.score is 1.5, must be between 0 and 1"),
+    ("files", {}, "files is [], must be policy.onnx, policy.npz for 'numpy'"),
+    ("files", {"../policy.onnx": "0" * 64}, "files is ['../policy.onnx'], must be policy.onnx, policy.npz"),
+    ("files", {"policy.onnx": "0" * 64, "policy.npz": "0"}, "files.policy.npz is '0', must be a SHA-256"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "complaint"), REFUSALS)
+def test_refusal(tmp_path, key, value, complaint):
+    directory = write_bundle(tmp_path / "tiny")
+    edit_manifest(directory, key, value)
+    with pytest.raises(BundleError) as caught:
+        load_bundle(directory)
+    assert str(caught.value).startswith(f"{directory / 'manifest.json'}: ")
+    assert complaint in str(caught.value)
+
+
+NUMBERS = [
+    "control_rate_hz",
+    "body.radius_m",
+    "body.lidar_range_m",
+    "dynamics.mass_kg",
+    "dynamics.drag",
+    "dynamics.dt_s",
+    "action.0.low",
+    "action.1.high",
+    "network.prior_std",
+    "training.score",
+]
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+@pytest.mark.parametrize("literal", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
+def test_no_number_may_be_infinite_or_nan(tmp_path, key, literal):
+    directory = write_bundle(tmp_path / "tiny")
+    edit_manifest(directory, key, float(literal))
+    if "e999" in literal:  # a number that JSON allows and no float holds
+        manifest = (directory / "manifest.json").read_text()
+        name = "-Infinity" if literal.startswith("-") else "Infinity"
+        sign(directory, manifest.replace(name, literal).encode())
+    with pytest.raises(BundleError, match=r"manifest\.json: "):
+        load_bundle(directory)
