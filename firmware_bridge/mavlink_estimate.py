@@ -1,0 +1,60 @@
+"""From the autopilot's messages to the robot's state in the team's frame."""
+
+import math
+
+from edge_runtime.messages import RobotState, Vector2
+from firmware_bridge.frames import rotate, swap_enu_ned, swap_flu_frd, swap_heading_yaw, yaw_of
+from firmware_bridge.mavlink_clock import Clock
+from firmware_bridge.mavlink_messages import Attitude, LocalPosition, Odometry
+
+LONGEST_ATTITUDE_AGE_S = 0.5
+"""A position is only believed together with an attitude that is not older."""
+
+
+class Estimate:
+    """Keeps the newest state. With a point ahead of the axle, that point is the robot."""
+
+    def __init__(self, robot_id: int, clock: Clock, origin_m: Vector2, point_ahead_m: float) -> None:
+        self.state: RobotState | None = None
+        self._robot_id = robot_id
+        self._clock = clock
+        self._origin_m = origin_m
+        self._point_ahead_m = point_ahead_m
+        self._attitude: Attitude | None = None
+
+    def on_attitude(self, attitude: Attitude) -> None:
+        """Take in a heading for the positions that follow."""
+        self._attitude = attitude
+
+    def on_local_position(self, position: LocalPosition, now_s: float) -> None:
+        """Take in position and velocity, if the heading is known."""
+        attitude = self._attitude
+        if attitude is None or abs(position.boot_s - attitude.boot_s) > LONGEST_ATTITUDE_AGE_S:
+            return
+        heading = swap_heading_yaw(attitude.yaw_rad)
+        velocity = swap_enu_ned(position.velocity_m_s)
+        turn = -attitude.yaw_rate_rad_s
+        self._update(position.boot_s, now_s, swap_enu_ned(position.position_m), velocity, heading, turn)
+
+    def on_odometry(self, odometry: Odometry, now_s: float) -> None:
+        """Take in a complete state."""
+        heading = swap_heading_yaw(yaw_of(odometry.attitude))
+        velocity = rotate(swap_flu_frd(odometry.body_velocity_m_s), heading)
+        position = swap_enu_ned(odometry.position_m)
+        self._update(odometry.boot_s, now_s, position, velocity, heading, -odometry.yaw_rate_rad_s)
+
+    def _update(
+        self, boot_s: float, now_s: float, position: Vector2, velocity: Vector2, heading: float, turn: float
+    ) -> None:
+        stamp_s = self._clock.local_s(boot_s)
+        if stamp_s is None or (self.state is not None and stamp_s < self.state.stamp_s):
+            return
+        c, s = math.cos(heading), math.sin(heading)
+        ahead = self._point_ahead_m
+        self.state = RobotState(
+            self._robot_id,
+            min(stamp_s, now_s),
+            (self._origin_m[0] + position[0] + ahead * c, self._origin_m[1] + position[1] + ahead * s),
+            (velocity[0] - ahead * turn * s, velocity[1] + ahead * turn * c),
+            heading,
+        )

@@ -1,0 +1,93 @@
+"""From one command to what the autopilot follows: acceleration, velocity, or speed and yaw rate."""
+
+import math
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.messages import RobotState, Vector2
+from firmware_bridge.base_kinematics import Base, motion_for
+from firmware_bridge.frames import swap_enu_ned
+from firmware_bridge.guard_link import Limits, Setpoint
+from firmware_bridge.mavlink_messages import Target
+from firmware_bridge.mavlink_profiles import (
+    ACCELERATION_ONLY,
+    BODY_NED,
+    LOCAL_NED,
+    VELOCITY_AND_YAW_RATE,
+    VELOCITY_ONLY,
+    Motion,
+)
+
+LEAK_PER_S = 0.5
+"""Share of the integrated velocity lost in a second, at least: without drag, errors would pile up."""
+
+_AT_REST = (0.0, 0.0)
+
+
+class Follower:
+    """Keeps the integrated velocity between commands.
+
+    Args:
+        motion: what the autopilot follows.
+        dynamics: of the policy, integrated with the control period.
+        limits: what the guard lets through.
+        wheels: how forward speed and yaw rate follow from a velocity; only for autopilots that follow those.
+    """
+
+    def __init__(self, motion: Motion, dynamics: Dynamics, limits: Limits, wheels: Base) -> None:
+        self._motion = motion
+        self._dynamics = dynamics
+        self._limits = limits
+        self._wheels = wheels
+        self._preview = dynamics.preview(1)
+        self._keep = min(1.0, (1.0 - LEAK_PER_S * dynamics.dt_s) / self._preview.velocity_decay)
+        self._velocity: Vector2 | None = None
+
+    def hold(self) -> Target:
+        """Return the setpoint that brings the robot to rest, and forget the integrated velocity."""
+        self._velocity = _AT_REST
+        if self._motion is Motion.FORWARD_AND_YAW_RATE:
+            return Target(BODY_NED, VELOCITY_AND_YAW_RATE)
+        return Target(LOCAL_NED, VELOCITY_ONLY)
+
+    def follow(self, setpoint: Setpoint, state: RobotState) -> Target:
+        """Return the setpoint for one command.
+
+        Raises:
+            BridgeError: if these wheels cannot move that way.
+        """
+        if setpoint.action == _AT_REST and setpoint.velocity_m_s == _AT_REST:
+            return self.hold()
+        if self._motion is Motion.ACCELERATION:
+            return self._accelerate(setpoint.action, state.velocity_m_s)
+        velocity = self._integrate(setpoint.action, state.velocity_m_s)
+        if self._motion is Motion.VELOCITY:
+            return Target(LOCAL_NED, VELOCITY_ONLY, velocity_m_s=swap_enu_ned(velocity))
+        motion = motion_for(velocity, state.heading_rad, self._wheels)
+        forward = (motion.forward_m_s, 0.0)
+        return Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=forward, yaw_rate_rad_s=-motion.yaw_rad_s)
+
+    def _step(self, action: Vector2, velocity: Vector2) -> Vector2:
+        """Return the velocity that the manifest's dynamics reach in one period."""
+        decay, gain = self._preview.velocity_decay, self._preview.velocity_gain
+        return decay * velocity[0] + gain * action[0], decay * velocity[1] + gain * action[1]
+
+    def _accelerate(self, action: Vector2, velocity: Vector2) -> Target:
+        reached = clamp(self._step(action, velocity), self._limits.speed_m_s)
+        dt_s = self._dynamics.dt_s
+        acceleration = ((reached[0] - velocity[0]) / dt_s, (reached[1] - velocity[1]) / dt_s)
+        largest = math.sqrt(2.0) * self._limits.action / self._dynamics.mass_kg
+        wire = swap_enu_ned(clamp(acceleration, largest))
+        return Target(LOCAL_NED, ACCELERATION_ONLY, acceleration_m_s2=wire)
+
+    def _integrate(self, action: Vector2, measured: Vector2) -> Vector2:
+        x, y = self._step(action, measured if self._velocity is None else self._velocity)
+        self._velocity = clamp((self._keep * x, self._keep * y), self._limits.speed_m_s)
+        return self._velocity
+
+
+def clamp(vector: Vector2, length: float) -> Vector2:
+    """Shorten a vector to ``length`` if it is longer, in the same direction."""
+    size = math.hypot(*vector)
+    if size <= length:
+        return vector
+    return vector[0] * length / size, vector[1] * length / size
