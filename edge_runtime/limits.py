@@ -71,7 +71,7 @@ def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
     if not _usable(team.own):
         return "the robot's own state is not finite"
     age = now_s - team.own.stamp_s
-    if not age <= max_age_s:
+    if not abs(age) <= max_age_s:  # a state from the future is no better
         return f"the robot's own state is {age:.3f} s old, at most {max_age_s:g} s may be"
     for mate in team.teammates:
         if not (_usable(mate.state) and _finite(mate.intended_action)):

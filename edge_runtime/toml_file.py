@@ -41,8 +41,20 @@ def to_record(table: object, record: type[T], path: Path, key: str = "") -> T:
         return msgspec.convert(table, record)
     except msgspec.ValidationError as error:
         complaint, _, place = str(error).partition(" - at `$")
-        place = place.rstrip("`")
-        refuse(path, f"{key}{place}".lstrip("."), f"{complaint}{_allowed(complaint, record, place)}")
+        _refuse_place(complaint, record, place.rstrip("`"), path, key)
+
+
+def _refuse_place(complaint: str, record: object, place: str, path: Path, key: str) -> NoReturn:
+    """Say what is wrong at a place such as ``.robots[0].id`` of a record, and what is allowed there."""
+    expected = _type_at(record, re.findall(r"\w+|\[", place))
+    allowed = ""
+    if named := re.fullmatch(r"Object (missing|contains unknown).* field `(.*)`", complaint):
+        place += f".{named[2]}"
+        complaint = "missing" if named[1] == "missing" else "unknown key"
+        allowed = f"; allowed: {', '.join(expected.__struct_encode_fields__)}"
+    elif complaint.startswith("Invalid enum value"):
+        allowed = f"; allowed: {', '.join(map(repr, get_args(expected)))}"
+    refuse(path, f"{key}{place}".lstrip("."), f"{complaint}{allowed}".replace("`object`", "`table`"))
 
 
 def refuse(path: Path, key: str, complaint: str) -> NoReturn:
@@ -59,16 +71,6 @@ def _refuse_non_finite(value: object, path: Path, key: str) -> None:
     if isinstance(value, list):
         for index, item in enumerate(value):
             _refuse_non_finite(item, path, f"{key}[{index}]")
-
-
-def _allowed(complaint: str, record: object, place: str) -> str:
-    """What the record allows at a place such as ``.robots[0].id``, where that helps; else nothing."""
-    expected = _type_at(record, re.findall(r"\w+|\[", place))
-    if complaint.startswith("Invalid enum value"):
-        return f"; allowed: {', '.join(map(repr, get_args(expected)))}"
-    if "field" in complaint and isinstance(expected, type) and issubclass(expected, msgspec.Struct):
-        return f"; its keys: {', '.join(expected.__struct_encode_fields__)}"
-    return ""
 
 
 def _type_at(expected: Any, steps: list[str]) -> Any:  # noqa: ANN401  # types of any form

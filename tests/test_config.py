@@ -1,0 +1,163 @@
+"""Fleet and objectives files: what fits, and the one line that says what does not."""
+
+import pytest
+
+from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
+from edge_runtime.errors import ConfigError
+from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.objectives import SafetyMargin, SpeedLimit
+
+ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"
+OWN = """
+from edge_runtime.objectives import Objective, Slope
+
+class KeepLeft(Objective, frozen=True, kw_only=True):
+    border_m: float
+
+    def evaluate(self, motion, outlook):
+        return Slope(0.0)
+
+class Else: ...
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(text):
+        path = tmp_path / "file.toml"
+        path.write_text(text)
+        return path
+
+    return write_file
+
+
+def complaint(load, path):
+    """The one line of the error, without the file that it must name first."""
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    file, _, rest = str(caught.value).partition(": ")
+    assert file == str(path)
+    assert "\n" not in rest
+    return rest
+
+
+def test_the_built_in_fleet():
+    fleet = load_fleet(DEFAULT_FLEET)
+    assert [robot.id for robot in fleet.robots] == [0, 1, 2, 3]
+    assert fleet.team.policy == "navigation"
+    assert fleet.steering.objectives == (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25))
+
+
+def test_a_fleet_of_defaults(write):
+    fleet = load_fleet(write(ROBOTS))
+    assert fleet.robot(3).goal_m == (1.0, 0.5)
+    assert fleet.team.rate_hz is None
+    assert fleet.steering.objectives == ()
+    assert fleet.steering.guidance == GuidanceSettings()
+
+
+def test_objectives_with_guidance(write):
+    objective = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 1\nweight = 2\n'
+    steering = load_steering(write(objective + '[guidance]\nmode = "yielding"\nscale = 3'))
+    assert steering.objectives == (SpeedLimit(limit_m_s=1.0, weight=2.0),)
+    assert steering.guidance == GuidanceSettings(mode="yielding", scale=3.0)
+
+
+def test_an_own_objective_beside_its_file(write, tmp_path):
+    (tmp_path / "my_rules.py").write_text(OWN)
+    path = write('[[objectives]]\ntype = "my_rules:KeepLeft"\nborder_m = 0.5')
+    (objective,) = load_steering(path).objectives
+    assert (type(objective).__name__, objective.border_m) == ("KeepLeft", 0.5)
+    path = write('[[objectives]]\ntype = "my_rules:Else"')
+    assert complaint(load_steering, path) == (
+        "objectives[0].type: 'my_rules:Else' is not a subclass of edge_runtime.objectives.Objective"
+    )
+    path = write('[[objectives]]\ntype = "my_rules:KeepRight"')
+    assert complaint(load_steering, path).startswith(
+        "objectives[0].type: cannot import 'my_rules:KeepRight' ("
+    )
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("robots = []", "robots: a fleet needs at least one robot"),
+        ("", "robots: missing; allowed: robots, team, objectives, guidance"),
+        (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
+        (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
+        (ROBOTS.replace("3", "true"), "robots[0].id: Expected `int`, got `bool`"),
+        (ROBOTS.replace("0.5", "nan"), "robots[0].goal_m[1]: must be a finite number, got nan"),
+        (ROBOTS.replace("0.5", "-inf"), "robots[0].goal_m[1]: must be a finite number, got -inf"),
+        (ROBOTS.replace("0.5", "1e999"), "robots[0].goal_m[1]: must be a finite number, got inf"),
+        (ROBOTS.replace("0.5", "'x'"), "robots[0].goal_m[1]: Expected `float`, got `str`"),
+        (ROBOTS.replace(", 0.5", ""), "robots[0].goal_m: Expected `array` of length 2, got 1"),
+        (ROBOTS + "gaol = 1", "robots[0].gaol: unknown key; allowed: id, start_m, goal_m"),
+        (ROBOTS.replace("id = 3", ""), "robots[0].id: missing; allowed: id, start_m, goal_m"),
+        (ROBOTS + "[team]\nrate_hz = 'fast'", "team.rate_hz: Expected `float | null`, got `str`"),
+        (ROBOTS + "[team]\nrate_hz = 0", "team: `rate_hz` must lie in [1, 1000], got 0"),
+        (ROBOTS + "[team]\ngoal_tolerance_m = 0", "team: `goal_tolerance_m` must be above 0, got 0.0"),
+        (ROBOTS + "[team]\nmax_state_age_s = nan", "team.max_state_age_s: must be a finite number, got nan"),
+        (ROBOTS + "[[team]]", "team: Expected `table`, got `array`"),
+        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance"),
+        (ROBOTS + "[guidance]\nscale = inf", "guidance.scale: must be a finite number, got inf"),
+    ],
+)
+def test_fleets_that_do_not_hold_together(write, text, expected):
+    assert complaint(load_fleet, write(text)) == expected
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("objectives = 3", "objectives: Expected `array`, got `int`"),
+        ("[guidance]\nmode = 'nice'", "guidance.mode: Invalid enum value 'nice'; allowed: 'none', "),
+        ("[guidance]\nscale = -1", "guidance: `scale` must be finite and not negative, got -1.0"),
+        (
+            "[[objectives]]\nlimit_m_s = 1",
+            "objectives[0].type: missing; allowed: speed_limit, safety_margin, or ",
+        ),
+        ("[[objectives]]\ntype = 3", "objectives[0].type: must be a string, got 3; allowed: speed_limit, "),
+        (
+            "[[objectives]]\ntype = 'fence'",
+            "objectives[0].type: unknown objective 'fence'; allowed: speed_limit, ",
+        ),
+        (
+            "[[objectives]]\ntype = 'no_such:X'",
+            "objectives[0].type: cannot import 'no_such:X' (No module named",
+        ),
+        (
+            "[[objectives]]\ntype = 'speed_limit'",
+            "objectives[0].limit_m_s: missing; allowed: weight, look_ahead, ",
+        ),
+        (
+            "[[objectives]]\ntype = 'speed_limit'\nlimit_m_s = 1\nlimit = 2",
+            "objectives[0].limit: unknown key; allowed: weight, look_ahead, limit_m_s, buffer_m_s",
+        ),
+        (
+            "[[objectives]]\ntype = 'speed_limit'\nlimit_m_s = 0.3\n[[objectives]]\ntype = 'safety_margin'\n"
+            "distance_m = '1'",
+            "objectives[1].distance_m: Expected `float`, got `str`",
+        ),
+        (
+            "[[objectives]]\ntype = 'safety_margin'\ndistance_m = -1",
+            "objectives[0]: `distance_m` must be positive and `buffer_m` not negative",
+        ),
+        ("[[robots]]\nid = 3", "robots: unknown key; allowed: objectives, guidance"),
+        ("a = [", "is not TOML ("),
+        ("a = 1\na = 2", "is not TOML ("),
+    ],
+)
+def test_objectives_that_do_not_hold_together(write, text, expected):
+    assert complaint(load_steering, write(text)).startswith(expected)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    assert complaint(load_fleet, tmp_path / "none.toml") == "cannot be read (No such file or directory)"
+    assert complaint(load_fleet, tmp_path) == "cannot be read (Is a directory)"
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    assert complaint(load_fleet, tmp_path / "binary.toml").startswith("is not TOML (")
+
+
+def test_unknown_robot_lists_the_known_ones(write):
+    with pytest.raises(ConfigError, match=r"none has id 7 \(--robot-id\); known ids: 3$"):
+        load_fleet(write(ROBOTS)).robot(7)

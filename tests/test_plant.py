@@ -1,0 +1,54 @@
+"""The plant against VMAS navigation, step by step and through collisions."""
+
+import numpy as np
+import pytest
+import torch
+import vmas
+from bundles import MANIFEST
+
+from firmware_bridge.plant import Plant, contact_forces
+
+RADIUS_M = MANIFEST.body.radius_m
+
+
+@pytest.mark.parametrize("robots", [1, 2, 4])
+def test_every_step_is_vmas(robots):
+    """Teams start partly overlapping and push towards each other: each step from VMAS's own state."""
+    teams, draw = 64, np.random.default_rng(robots)
+    env = vmas.make_env(
+        "navigation", num_envs=teams, device="cpu", seed=0, n_agents=robots, clamp_actions=True
+    )
+    position = 0.25 * draw.uniform(-1, 1, (teams, robots, 2))
+    for i, agent in enumerate(env.agents):
+        agent.state.pos = torch.tensor(position[:, i], dtype=torch.float32)
+    touching = 0
+    for _ in range(40):
+        before = np.stack([agent.state.pos.numpy() for agent in env.agents], 1)
+        plant = Plant(MANIFEST.dynamics, RADIUS_M, before)
+        plant.velocity_m_s[:] = np.stack([agent.state.vel.numpy() for agent in env.agents], 1)
+        touching += int((contact_forces(plant.position_m, RADIUS_M) != 0).any((1, 2)).sum())
+        force = np.clip(-3 * before + draw.standard_normal(before.shape), -1, 1).astype(np.float32)
+        env.step([torch.from_numpy(force[:, i].copy()) for i in range(robots)])
+        plant.step(force)
+        after = np.stack([agent.state.pos.numpy() for agent in env.agents], 1)
+        velocity = np.stack([agent.state.vel.numpy() for agent in env.agents], 1)
+        np.testing.assert_allclose(plant.position_m, after, atol=1e-5)
+        np.testing.assert_allclose(plant.velocity_m_s, velocity, atol=1e-5)
+    assert touching > 200 or robots == 1
+
+
+def test_contact_keeps_momentum():
+    position = np.random.default_rng(0).uniform(-0.2, 0.2, (10, 5, 2))
+    force = contact_forces(position, RADIUS_M)
+    assert np.abs(force).max() > 1.0
+    np.testing.assert_allclose(force.sum(1), 0.0, atol=1e-10)
+
+
+def test_one_second_is_one_second_at_any_period():
+    """Without contact, a finer period coasts to the same speed."""
+    plants = [Plant(MANIFEST.dynamics.at_period(period), RADIUS_M, [[0.0, 0.0]]) for period in (0.1, 0.02)]
+    for plant in plants:
+        plant.velocity_m_s[:] = 1.0
+        for _ in range(round(1.0 / plant.dynamics.dt_s)):
+            plant.step([[0.0, 0.0]])
+    np.testing.assert_allclose(plants[0].velocity_m_s, plants[1].velocity_m_s, rtol=1e-9)

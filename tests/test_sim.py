@@ -1,0 +1,107 @@
+"""The simulated team: one period a read, one command a period, everybody decides on the same states."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bundles import MANIFEST, straight_weights
+
+from edge_runtime.bundle import Bundle
+from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.errors import ConfigError
+from edge_runtime.messages import Command, TeamState
+from edge_runtime.mission import Mission
+from firmware_bridge.plant import Plant
+from firmware_bridge.sim import open_bridge
+
+BUNDLE = Bundle(MANIFEST, straight_weights(), Path())
+
+
+def mission(rate_hz=10.0, guided=True, robot_id=0, fleet=None):
+    fleet = fleet or load_fleet(DEFAULT_FLEET)
+    return Mission(robot_id, fleet, BUNDLE, fleet.steering, rate_hz, guided=guided)
+
+
+def drive(bridge, controller, ticks):
+    teams = []
+    for _ in range(ticks):
+        own = bridge.read()
+        teams.append(TeamState(own, bridge.teammates()))
+        bridge.write(controller.decide(teams[-1], own.stamp_s))
+    return teams
+
+
+def test_the_first_read_shows_the_starts():
+    run = mission()
+    with open_bridge(run) as bridge:
+        own = bridge.read()
+        assert own.position_m == run.fleet.robot(0).start_m
+        assert own.velocity_m_s == (0.0, 0.0)
+        assert [mate.state.robot_id for mate in bridge.teammates()] == [1, 2, 3]
+        assert {mate.state.stamp_s for mate in bridge.teammates()} == {own.stamp_s}
+
+
+def test_a_command_moves_the_robot_for_one_period_only():
+    with open_bridge(mission()) as bridge:
+        bridge.read()
+        bridge.write(Command(0, 0, 0.0, (1.0, -1.0), (0.0, 0.0)))
+        assert bridge.read().velocity_m_s == pytest.approx((0.1, -0.1))
+        assert bridge.read().velocity_m_s == pytest.approx((0.075, -0.075))
+
+
+def test_leaving_stops_the_robot():
+    with open_bridge(mission()) as bridge:
+        bridge.read()
+        bridge.write(Command(0, 0, 0.0, (1.0, 1.0), (0.0, 0.0)))
+    assert bridge.read().velocity_m_s == (0.0, 0.0)
+
+
+def test_every_robot_drives_as_if_it_were_the_one_at_the_link():
+    """Whichever robot's process looks at the team, the team does the same."""
+    runs = []
+    for robot_id in (0, 2):
+        run = mission(robot_id=robot_id)
+        with open_bridge(run) as bridge:
+            drive(bridge, run.controllers()[robot_id], 40)
+            runs.append(bridge.plant.position_m)
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-12)
+
+
+def test_teammates_tell_the_action_that_moved_them():
+    run = mission(guided=False)
+    with open_bridge(run) as bridge:
+        first, second = drive(bridge, run.controllers()[0], 2)
+    assert all(mate.intended_action == (0.0, 0.0) for mate in first.teammates)
+    for mate in second.teammates:
+        moved = (0.1 * mate.intended_action[0], 0.1 * mate.intended_action[1])
+        assert mate.state.velocity_m_s == pytest.approx(moved)
+        assert math.hypot(*moved) > 0.05
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 25.0])
+def test_the_guided_team_reaches_its_goals_apart(rate_hz):
+    run = mission(rate_hz)
+    with open_bridge(run) as bridge:
+        teams = drive(bridge, run.controllers()[0], int(12 * rate_hz))
+    goals = [robot.goal_m for robot in run.fleet.robots]
+    assert np.linalg.norm(bridge.plant.position_m - goals, axis=-1).max() < 0.1
+    for team in teams:
+        states = [team.own, *(mate.state for mate in team.teammates)]
+        distances = [math.dist(a.position_m, b.position_m) for a in states for b in states if a is not b]
+        assert min(distances) > 2 * MANIFEST.body.radius_m
+
+
+def test_the_plant_runs_at_the_control_period():
+    assert isinstance(open_bridge(mission(25.0)).plant, Plant)
+    assert open_bridge(mission(25.0)).plant.dynamics.dt_s == 0.04
+
+
+def test_a_fleet_whose_discs_would_overlap_is_refused(tmp_path):
+    path = tmp_path / "near.toml"
+    robot = "[[robots]]\nid = {}\nstart_m = [{}, 0]\ngoal_m = [{}, 1]\n"
+    path.write_text(robot.format(0, 0.0, 0.0) + robot.format(1, 1.0, 0.15))
+    with pytest.raises(
+        ConfigError, match=r"robots\[1\].goal_m: 0.150 m from that of robot 0; .* at least 0.2 m"
+    ):
+        mission(fleet=load_fleet(path))
