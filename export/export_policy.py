@@ -89,6 +89,8 @@ def _run(arguments: argparse.Namespace) -> str:
         raise ConfigError("--out DIR is missing: the directory of the bundle to write")
     if (arguments.run is None) == (arguments.from_onnx is None):
         raise ConfigError("name either a training run or --from-onnx FILE")
+    if arguments.from_onnx is None and arguments.facts is not None:
+        raise ConfigError("--facts goes with --from-onnx: a training run brings its own facts")
     if arguments.from_onnx is None:
         difference, how = export_run(arguments.run, arguments.out, force=arguments.force), "numpy"
     else:

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 import onnx
 from google.protobuf.message import DecodeError
-from onnx import ModelProto, TensorProto, helper
+from onnx import ModelProto, TensorProto, helper, numpy_helper
 from onnx.inliner import inline_local_functions
 from onnx.utils import Extractor
 from onnx.version_converter import convert_version
@@ -33,6 +34,7 @@ def read_velocity_graph(path: Path, action_dim: int, observation_dim: int) -> Mo
         onnx.checker.check_model(model, full_check=True)
     except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError, ValueError) as error:
         raise PolicyError(f"{path}: not a valid velocity graph ({_first_line(error)})") from error
+    _check_constants(model, path)
     return _with_free_batch(model, action_dim)
 
 
@@ -62,6 +64,13 @@ def _check_inputs(model: ModelProto, sizes: dict[str, int], path: Path) -> None:
                 f"{path}: input {name} is {kind} ({', '.join(map(str, dims))}); "
                 f"the policy's facts need float (batch, {size})"
             )
+
+
+def _check_constants(model: ModelProto, path: Path) -> None:
+    for tensor in model.graph.initializer:
+        array = numpy_helper.to_array(tensor)
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise PolicyError(f"{path}: constant {tensor.name} holds values that are not finite")
 
 
 def _velocity_output(model: ModelProto, path: Path) -> str:

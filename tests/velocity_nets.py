@@ -8,7 +8,7 @@ import torch
 from onnx import TensorProto, helper
 from torch import nn
 
-OBSERVATION = 5
+OBSERVATION = 7
 
 
 class Mlp(nn.Module):

@@ -1,0 +1,130 @@
+"""edge-export from its command line: runs, foreign graphs, and one line for every mistake."""
+
+import re
+import sys
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from torch import nn
+from velocity_nets import Mlp, Normed, autograd, export, graph_of
+
+from edge_runtime.bundle import load_bundle
+from export import export_policy
+from export.checkpoint import PolicyFacts, save_policy
+from export.facts import FACTS_TEMPLATE
+from export.networks import FlowNetwork
+
+FACTS = FACTS_TEMPLATE.replace("lidar_rays = 12", "lidar_rays = 1")
+"""Observations of seven numbers, as `velocity_nets.OBSERVATION`."""
+
+
+@pytest.fixture
+def edge_export(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["edge-export", *map(str, arguments)])
+        code = export_policy.main()
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def training_run(tmp_path):
+    torch.manual_seed(0)
+    network = FlowNetwork(18, 2, (16, 16))
+    for parameter in network.parameters():
+        nn.init.normal_(parameter, std=0.3)
+    save_policy(tmp_path, network, PolicyFacts("navigation", "mafpo", 3, 1000, "abc", 0.9, 8))
+    return tmp_path, network
+
+
+@pytest.fixture
+def facts(tmp_path):
+    path = tmp_path / "facts.toml"
+    path.write_text(FACTS)
+    return path
+
+
+def reported_difference(output):
+    return float(re.search(r"largest difference .*: (\S+) over 1000 random inputs", output)[1])
+
+
+def test_training_run(edge_export, training_run, tmp_path):
+    run, network = training_run
+    code, output, _ = edge_export(run, "--out", tmp_path / "nav")
+    assert code == 0
+    assert 0 < reported_difference(output) < 1e-5
+    bundle = load_bundle(tmp_path / "nav")
+    assert (bundle.manifest.training.seed, bundle.manifest.training.score) == (3, 0.9)
+    assert (bundle.manifest.euler_steps, bundle.manifest.control_rate_hz) == (8, 10.0)
+    action, tau, observation = torch.randn(5, 2), torch.rand(5, 1), torch.randn(5, 18)
+    velocity, jacobian = autograd(network, action, tau, observation)
+    computed = bundle.policy(5).evaluate(action, tau[:, 0], observation)
+    np.testing.assert_allclose(computed[0], velocity, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(np.moveaxis(computed[1:], 0, 2), jacobian, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("build", "runtime"), [(Mlp, "numpy"), (Normed, "onnxruntime"), (lambda: Normed(nn.ReLU), "onnxruntime")]
+)
+def test_foreign_graph(edge_export, facts, tmp_path, build, runtime):
+    net = build()
+    graph = export(net, tmp_path / "net.onnx")
+    code, output, _ = edge_export("--from-onnx", graph, "--facts", facts, "--out", tmp_path / "mine")
+    assert code == 0
+    assert f"the robot computes it with {runtime}" in output
+    bundle = load_bundle(tmp_path / "mine")
+    assert (bundle.manifest.runtime, bundle.policy().backend) == (runtime, runtime)
+    action, tau, observation = torch.randn(5, 2), torch.rand(5, 1), torch.randn(5, 7)
+    velocity, jacobian = autograd(net, action, tau, observation)
+    computed = bundle.policy(5).evaluate(action, tau[:, 0], observation)
+    np.testing.assert_allclose(computed[0], velocity, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(np.moveaxis(computed[1:], 0, 2), jacobian, rtol=1e-5, atol=1e-5)
+
+
+def refused(edge_export, *arguments):
+    code, output, error = edge_export(*arguments)
+    assert (code, output) == (2, "")
+    assert error.startswith("edge-export: ")
+    assert error.count("\n") == 1
+    return error
+
+
+def test_graph_that_mixes_its_batch(edge_export, facts, tmp_path):
+    mean = onnx.helper.make_node("ReduceMean", ["action"], ["m"], axes=[0])
+    add = onnx.helper.make_node("Sub", ["action", "m"], ["velocity"])
+    onnx.save(graph_of(mean, add), tmp_path / "net.onnx")
+    facts.write_text(FACTS.replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]'))
+    error = refused(
+        edge_export, "--from-onnx", tmp_path / "net.onnx", "--facts", facts, "--out", tmp_path / "b"
+    )
+    assert "a batch and a single input differ" in error
+
+
+def test_graph_with_a_batch_baked_in(edge_export, facts, tmp_path):
+    reshape = onnx.helper.make_node("Reshape", ["action", "shape"], ["velocity"])
+    onnx.save(graph_of(reshape, constants={"shape": [3, 2]}), tmp_path / "net.onnx")
+    facts.write_text(FACTS.replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]'))
+    error = refused(
+        edge_export, "--from-onnx", tmp_path / "net.onnx", "--facts", facts, "--out", tmp_path / "b"
+    )
+    assert "cannot be computed for a batch of 2000" in error
+    assert "dynamic batch" in error
+
+
+def test_mistakes_on_the_command_line(edge_export, training_run, facts, tmp_path):
+    run, _ = training_run
+    out = tmp_path / "b"
+    assert "--out DIR is missing" in refused(edge_export, run)
+    assert "either a training run or --from-onnx FILE" in refused(edge_export, "--out", out)
+    assert "either a training run" in refused(edge_export, run, "--from-onnx", "x.onnx", "--out", out)
+    assert "--from-onnx needs --facts FILE" in refused(edge_export, "--from-onnx", "x.onnx", "--out", out)
+    assert "--facts goes with --from-onnx" in refused(edge_export, run, "--facts", facts, "--out", out)
+    assert "name the --out directory of an edge-train run" in refused(edge_export, out, "--out", out)
+    assert not out.exists()
+
+
+def test_facts_template_is_printed_as_it_is(edge_export):
+    assert edge_export("--print-facts-template") == (0, FACTS_TEMPLATE, "")
