@@ -1,0 +1,96 @@
+"""From a velocity in the team's frame to what a base can do: omnidirectional, differential, Ackermann."""
+
+import math
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.errors import BridgeError
+from edge_runtime.messages import Vector2
+from firmware_bridge.frames import rotate
+
+SIDEWAYS_TOLERANCE_M_S = 0.01
+"""Sideways velocity that a base with ``sideways = "refuse"`` ignores."""
+
+
+class Motion(msgspec.Struct, frozen=True, gc=False):
+    """A base's motion in its body frame, x forward, y left, counter-clockwise positive."""
+
+    forward_m_s: float = 0.0
+    lateral_m_s: float = 0.0
+    yaw_rad_s: float = 0.0
+    steering_rad: float = 0.0
+
+    def scaled(self, factor: float) -> "Motion":
+        """Slow down along the same curve: the steering angle stays."""
+        return Motion(
+            self.forward_m_s * factor, self.lateral_m_s * factor, self.yaw_rad_s * factor, self.steering_rad
+        )
+
+
+class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the wheels allow."""
+
+    kind: Literal["omnidirectional", "differential", "ackermann"]
+    sideways: Literal["refuse", "lookahead"] = "refuse"
+    """For wheels that do not slip: refuse sideways velocities, or steer a point ahead of the axle by them."""
+    lookahead_m: float = 0.0
+    """Distance of that point ahead of the (rear) axle; it is also the point whose position is reported."""
+    max_yaw_rad_s: float = math.inf
+    wheelbase_m: float = 0.0
+    """Ackermann: distance between the axles."""
+    max_steering_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind != "omnidirectional" and self.sideways == "lookahead" and not self.lookahead_m > 0.0:
+            raise ValueError("`lookahead_m` must be positive where sideways = 'lookahead'")
+        if self.kind == "ackermann" and not (self.wheelbase_m > 0.0 and self.max_steering_rad > 0.0):
+            raise ValueError("`wheelbase_m` and `max_steering_rad` must be positive for an ackermann base")
+        if not self.max_yaw_rad_s > 0.0:
+            raise ValueError(f"`max_yaw_rad_s` must be positive, got {self.max_yaw_rad_s}")
+
+    @property
+    def reference_m(self) -> float:
+        """Distance ahead of the axle of the point that is steered and reported."""
+        slips = self.kind == "omnidirectional"
+        return 0.0 if slips or self.sideways == "refuse" else self.lookahead_m
+
+
+def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> Motion:
+    """Return the motion that gives the base's reference point this velocity in the team's frame.
+
+    A yaw rate beyond the base's shortens the whole motion, which keeps its curve.
+
+    Raises:
+        BridgeError: on a sideways velocity that the base refuses.
+    """
+    forward, left = rotate(velocity_m_s, -heading_rad)
+    if base.kind == "omnidirectional":
+        return Motion(forward, left)
+    if base.sideways == "refuse":
+        if abs(left) > SIDEWAYS_TOLERANCE_M_S:
+            raise BridgeError(
+                f"this {base.kind} base cannot move sideways at {left:.2f} m/s: "
+                "set base.sideways = 'lookahead' in the profile"
+            )
+        return Motion(forward)
+    yaw = left / base.lookahead_m
+    motion = Motion(forward, 0.0, yaw)
+    if abs(yaw) > base.max_yaw_rad_s:
+        motion = motion.scaled(base.max_yaw_rad_s / abs(yaw))
+    return motion if base.kind == "differential" else _steered(motion, base)
+
+
+def yaw_from_steering(forward_m_s: float, steering_rad: float, base: Base) -> float:
+    """Return the yaw rate of an Ackermann base in rad/s."""
+    return forward_m_s * math.tan(steering_rad) / base.wheelbase_m
+
+
+def _steered(motion: Motion, base: Base) -> Motion:
+    """Replace the yaw rate by the steering angle nearest to it; standing wheels turn, the base does not."""
+    forward, limit = motion.forward_m_s, base.max_steering_rad
+    if forward == 0.0:
+        steering = math.copysign(limit, motion.yaw_rad_s) if motion.yaw_rad_s else 0.0
+    else:
+        steering = min(max(math.atan(base.wheelbase_m * motion.yaw_rad_s / forward), -limit), limit)
+    return Motion(forward, 0.0, yaw_from_steering(forward, steering, base), steering)

@@ -1,0 +1,98 @@
+"""``edge-run --bridge can``: its flags, and the Bridge behind the guard."""
+
+import argparse
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import Manifest
+from firmware_bridge.can_codec import CanCodec
+from firmware_bridge.can_feedback import Pose
+from firmware_bridge.can_link import CanOptions
+from firmware_bridge.can_profile import Profile, load_profile, profile_path
+from firmware_bridge.guard_link import Limits
+from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
+from firmware_bridge.guarded_bridge import GuardedBridge
+
+
+class CanFlags(msgspec.Struct, frozen=True):
+    """The flags, as parsed."""
+
+    bus: str
+    profile: str
+    guard: GuardFlags
+    max_speed_m_s: float | None = None
+    pose: Pose = Pose()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this bridge, the guard's included; ``options_from`` reads them back."""
+    group = parser.add_argument_group("CAN bridge")
+    group.add_argument(
+        "--bus", required=True, help="can0, interface:channel?key=value for python-can, or a serial port"
+    )
+    group.add_argument("--profile", required=True, help="name of a shipped profile, or a .toml file")
+    group.add_argument("--max-speed", type=float, metavar="M_S", help="limit below the profile's")
+    group.add_argument(
+        "--pose",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar=("X", "Y", "HEADING"),
+        help="where the robot starts in the team's frame (m, m, rad)",
+    )
+    add_guard_arguments(parser)
+
+
+def options_from(arguments: argparse.Namespace) -> CanFlags:
+    """Return this bridge's flags that were parsed."""
+    return CanFlags(
+        arguments.bus, arguments.profile, flags_from(arguments), arguments.max_speed, Pose(*arguments.pose)
+    )
+
+
+def open_bridge(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: float) -> GuardedBridge:
+    """Check everything that can be checked without the bus and return the bridge, ready to be entered.
+
+    Raises:
+        ConfigError: if profile, DBC, limits or rates do not fit.
+    """
+    path = profile_path(options.profile)
+    profile = load_profile(path)
+    CanCodec(profile, path)
+    _check_rate(profile, rate_hz)
+    return GuardedBridge(
+        GuardSpec(
+            link="can",
+            robot_id=robot_id,
+            deadline_s=deadline_s(1.0 / rate_hz, options.guard),
+            limits=Limits(_speed_limit(profile, options), _action_limit(manifest)),
+            options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
+            arm=options.guard.arm,
+            allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
+        )
+    )
+
+
+def _speed_limit(profile: Profile, options: CanFlags) -> float:
+    carried = profile.limits.speed_m_s
+    wanted = carried if options.max_speed_m_s is None else options.max_speed_m_s
+    if not 0.0 < wanted <= carried:
+        raise ConfigError(
+            f"--max-speed {wanted:g}: must be positive and at most {carried:g} m/s, "
+            f"the limit of profile {options.profile}"
+        )
+    return wanted
+
+
+def _action_limit(manifest: Manifest) -> float:
+    return max(max(abs(field.low), abs(field.high)) for field in manifest.action)
+
+
+def _check_rate(profile: Profile, rate_hz: float) -> None:
+    timeout_s = profile.firmware_timeout_s
+    if timeout_s and 1.0 / rate_hz >= timeout_s:
+        raise ConfigError(
+            f"a control rate of {rate_hz:g} Hz is too slow: "
+            f"this firmware stops after {timeout_s:g} s without a command"
+        )

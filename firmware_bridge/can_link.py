@@ -1,0 +1,180 @@
+"""A CAN robot as the guard's Link: the only place where the codec's frames meet the bus."""
+
+import math
+import time
+from pathlib import Path
+
+import msgspec
+
+from edge_runtime.errors import BridgeError
+from edge_runtime.messages import RobotState
+from firmware_bridge.base_kinematics import Motion, motion_for
+from firmware_bridge.can_bus import CanBus
+from firmware_bridge.can_codec import CanCodec
+from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
+from firmware_bridge.can_frame import Frame, Transport
+from firmware_bridge.can_limo import LimoPort
+from firmware_bridge.can_profile import Profile, load_profile
+from firmware_bridge.guard_link import Condition, Health, Setpoint, Steps
+from firmware_bridge.guard_spec import GuardSpec
+
+STANDSTILL = Motion()
+STOP_TRIES = 50
+"""How often a frame of the stop sequence is offered to a full transmit queue, once a period."""
+
+
+class CanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the guard's specification carries for this link."""
+
+    bus: str
+    profile: str
+    """Path of the profile's TOML file."""
+    pose: Pose
+
+
+class CanLink:
+    """One CAN robot; implements ``Link``."""
+
+    keepalive_period_s = math.inf
+
+    def __init__(self, profile: Profile, codec: CanCodec, transport: Transport, robot: DeadReckoning) -> None:
+        self.firmware_timeout_s = profile.firmware_timeout_s
+        self.recoveries = profile.recoveries
+        self._profile = profile
+        self._codec = codec
+        self._transport = transport
+        self._robot = robot
+        self._rules = FeedbackRules(profile.feedback)
+        self._motion_signals = _motion_signals(profile)
+        self._state: RobotState | None = None
+        self._sent = STANDSTILL
+        self._enabled = False
+        self._dropped = 0
+
+    def open(self) -> None:
+        """Open the bus."""
+        self._transport.open()
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._transport.close()
+
+    def filenos(self) -> tuple[int, ...]:
+        """The bus."""
+        return (self._transport.fileno(),)
+
+    def receive(self, now_s: float) -> None:
+        """Take in the frames that have arrived."""
+        for frame in self._transport.receive():
+            decoded = self._codec.decode(frame)
+            if decoded is None:
+                continue
+            self._rules.take(decoded, now_s)
+            if not self._motion_signals.isdisjoint(decoded.values):
+                motion = self._rules.motion(self._profile.feedback.motion, self._profile.base)
+                self._state = self._robot.advance(motion, now_s)
+
+    def health(self, now_s: float) -> Health:
+        """Judge the newest feedback; firmware that cannot say whether it listens is ready once enabled."""
+        health = self._rules.health(now_s)
+        if health.condition is Condition.READY and not (self._profile.feedback.ready or self._enabled):
+            return Health(Condition.WAITING, "not enabled by this guard: pass --arm")
+        return health
+
+    def state(self) -> RobotState | None:
+        """Return the dead-reckoned state."""
+        return self._state
+
+    def dropped(self) -> int:
+        """Count frames that the transmit queue did not take."""
+        return self._dropped
+
+    def send(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
+        """Send the frames of one setpoint, once."""
+        motion = motion_for(setpoint.velocity_m_s, self._robot.pose.heading_rad, self._profile.base)
+        self._command(motion)
+
+    def keepalive(self, fresh: bool, now_s: float) -> None:
+        """CAN robots know no heartbeat of ours."""
+
+    def enable_sequence(self) -> Steps:
+        """Command standstill, send the profile's enable steps, wait for the feedback to confirm.
+
+        Raises:
+            BridgeError: if the firmware is not ready within the profile's time.
+        """
+        self._command(STANDSTILL)
+        for step in self._profile.enable:
+            self._offer(self._codec.encode_step(step))
+            yield step.pause_s
+        end_s = time.monotonic() + self._profile.enable_timeout_s
+        while (health := self._rules.health(time.monotonic())).condition is not Condition.READY:
+            if time.monotonic() >= end_s:
+                raise BridgeError(f"not enabled within {self._profile.enable_timeout_s:g} s: {health.detail}")
+            yield self._profile.period_s
+        self._enabled = True
+
+    def stop_sequence(self) -> Steps:
+        """Ramp down, command standstill several times, then the profile's last steps."""
+        self._enabled = False
+        for motion in self._ramp():
+            if self._rules.health(time.monotonic()).condition is Condition.OVERRIDE:
+                return
+            self._command(motion)
+            yield self._profile.period_s
+        for _ in range(self._profile.stop.zeros):
+            yield from self._insist(self._codec.encode(STANDSTILL))
+            yield self._profile.period_s
+        self._sent = STANDSTILL
+        for step in self._profile.stop.then:
+            yield from self._insist((self._codec.encode_step(step),))
+            yield step.pause_s
+
+    def _ramp(self) -> list[Motion]:
+        """The motions from the last sent one down to, but without, standstill."""
+        deceleration, sent = self._profile.stop.deceleration_m_s2, self._sent
+        speed = math.hypot(sent.forward_m_s, sent.lateral_m_s)
+        if deceleration is None or speed == 0.0:
+            return []
+        loss = deceleration * self._profile.period_s / speed
+        return [sent.scaled(1.0 - step * loss) for step in range(1, math.ceil(1.0 / loss))]
+
+    def _command(self, motion: Motion) -> None:
+        self._sent = motion
+        for frame in self._codec.encode(motion):
+            self._offer(frame)
+
+    def _insist(self, frames: tuple[Frame, ...]) -> Steps:
+        """Offer frames until the queue takes them; a stop must not be the frame that is dropped."""
+        for frame in frames:
+            for _ in range(STOP_TRIES):
+                if self._offer(frame):
+                    break
+                yield self._profile.period_s
+
+    def _offer(self, frame: Frame) -> bool:
+        taken = self._transport.send(frame)
+        self._dropped += not taken
+        return taken
+
+
+def make_link(spec: GuardSpec) -> CanLink:
+    """Build the link that a guard's specification describes.
+
+    Raises:
+        ConfigError: if the profile is wrong.
+    """
+    options = msgspec.json.decode(spec.options, type=CanOptions)
+    path = Path(options.profile)
+    profile = load_profile(path)
+    robot = DeadReckoning(spec.robot_id, options.pose, profile.base)
+    return CanLink(profile, CanCodec(profile, path), _transport(profile, options.bus), robot)
+
+
+def _transport(profile: Profile, bus: str) -> Transport:
+    return LimoPort(bus) if profile.transport == "limo_serial" else CanBus(bus)
+
+
+def _motion_signals(profile: Profile) -> frozenset[str]:
+    motion = profile.feedback.motion
+    return frozenset((*motion.forward, *motion.lateral, *motion.yaw, *motion.steering))

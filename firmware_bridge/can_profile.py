@@ -1,0 +1,158 @@
+"""A CAN robot in two files: a DBC for the frames, and this TOML for what they mean.
+
+Every number is in SI units on this side and in the DBC's physical units on the wire. A profile is a
+directory-local pair: the TOML names its DBC, relative to itself. Signals are written ``Message.Signal``.
+"""
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.toml_file import read_toml, to_record
+from firmware_bridge.base_kinematics import Base
+from firmware_bridge.can_e2e import Protection
+
+PROFILES = Path(__file__).with_name("profiles")
+
+
+class Gains(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One signal as a linear function of the base's motion, so that wheels of any arrangement fit.
+
+    For a wheel of radius r at distance b / 2 from the middle, in revolutions per second:
+    forward = 1 / (2 pi r), yaw = -b / (4 pi r) on the left, + on the right.
+    """
+
+    forward: float = 0.0
+    """Physical units per m/s."""
+    lateral: float = 0.0
+    yaw: float = 0.0
+    """Physical units per rad/s."""
+    steering: float = 0.0
+    """Physical units per rad."""
+
+
+class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One frame of an enable or stop sequence; signals that are not named are zero."""
+
+    message: str
+    signals: dict[str, float] = {}
+    pause_s: float = 0.02
+    """Time until the next step."""
+
+
+class Stop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the robot is brought to rest."""
+
+    deceleration_m_s2: float | None = None
+    """Ramp the speed down by this; None: a sudden zero."""
+    zeros: int = 3
+    """How often the zero command is sent, once a period, before the final steps."""
+    then: tuple[Step, ...] = ()
+
+
+class Rule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Holds while the newest value of a signal is one of, or none of, some values."""
+
+    signal: str
+    any_of: tuple[float, ...] = ()
+    none_of: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if bool(self.any_of) == bool(self.none_of):
+            raise ValueError("a rule has either `any_of` or `none_of`")
+
+    def holds(self, value: float) -> bool:
+        """Judge one value."""
+        return value in self.any_of if self.any_of else value not in self.none_of
+
+
+class MotionSignals(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The base's motion as weighted sums of feedback signals."""
+
+    forward: dict[str, float]
+    lateral: dict[str, float] = {}
+    yaw: dict[str, float] = {}
+    steering: dict[str, float] = {}
+    """Where given, an Ackermann base's yaw rate is computed from it."""
+
+
+class Feedback(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the firmware tells, and how old that may be."""
+
+    stale_s: dict[str, float]
+    """Messages that must keep coming, and their greatest age."""
+    motion: MotionSignals
+    ready: tuple[Rule, ...] = ()
+    """All hold while the firmware takes commands; without rules it always does, once enabled."""
+    fault: tuple[Rule, ...] = ()
+    """One holds: a fault that the enable sequence may clear."""
+    override: tuple[Rule, ...] = ()
+    """One holds: an operator, or an emergency stop, has the robot."""
+
+
+class ProfileLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The most that the firmware may be asked for."""
+
+    speed_m_s: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.speed_m_s < math.inf:
+            raise ValueError(f"`speed_m_s` must be positive, got {self.speed_m_s}")
+
+
+class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One kind of CAN robot; the field order is the order of the file."""
+
+    dbc: str
+    transport: Literal["can", "limo_serial"]
+    period_s: float
+    """Time between the frames of a ramp or a zero command; the firmware's usual command period."""
+    limits: ProfileLimits
+    base: Base
+    motion: dict[str, dict[str, Gains]]
+    """Command messages, in sending order, and their signals."""
+    stop: Stop
+    feedback: Feedback
+    firmware_timeout_s: float | None = None
+    """Silence after which the firmware stops by itself; leave it out where unknown, 0 where off."""
+    enable: tuple[Step, ...] = ()
+    enable_timeout_s: float = 2.0
+    recoveries: int = 3
+    """How many times in one run a fault or stale feedback is answered by the enable sequence."""
+    frame_ids: dict[str, int] = {}
+    """Messages whose identifier differs from the DBC's, such as other node numbers."""
+    protection: dict[str, Protection] = {}
+    """Messages with counter and CRC."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.period_s <= 1.0:
+            raise ValueError(f"`period_s` must lie in (0, 1], got {self.period_s}")
+        if self.recoveries < 0:
+            raise ValueError(f"`recoveries` must not be negative, got {self.recoveries}")
+        if not self.motion or not self.feedback.stale_s:
+            raise ValueError("`motion` and `feedback.stale_s` must name at least one message each")
+
+
+def profile_path(name: str) -> Path:
+    """Return the file of a profile given by name or by path.
+
+    Raises:
+        ConfigError: if there is no such profile, with the names that there are.
+    """
+    path = Path(name) if name.endswith(".toml") else PROFILES / f"{name}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in PROFILES.glob("*.toml")))
+        raise ConfigError(f"--profile {name}: no such profile; known: {known}, or the path of a .toml file")
+    return path
+
+
+def load_profile(path: Path) -> Profile:
+    """Read and validate a profile's TOML; the codec checks it against the DBC.
+
+    Raises:
+        ConfigError: names file and key.
+    """
+    return to_record(read_toml(path), Profile, path)
