@@ -1,0 +1,68 @@
+"""What the trainer asks of an on-policy algorithm; each lives in a file of its own."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from export.networks import FlowNetwork
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How much is collected and how hard it is learned from; the same for all workers together."""
+
+    frames: int = 1_500_000
+    """Control steps of the team in total."""
+    environments: int = 512
+    steps: int = 25
+    """Control steps in each environment between two updates."""
+    epochs: int = 4
+    minibatch: int = 3200
+    """Samples of single robots in one gradient step."""
+    discount: float = 0.95
+    gae_lambda: float = 0.9
+    learning_rate: float = 1e-3
+    critic_learning_rate: float = 1e-3
+    final_learning_rate: float = 0.05
+    """Share of the learning rates that a linear decay leaves at the end."""
+    ratio_change: float | None = None
+    """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
+    gradient_limit: float = 1.0
+    validation_every: int = 10
+    """Updates between two validations, each followed by a checkpoint."""
+    validation_episodes: int = 512
+
+
+class Algorithm(Protocol):
+    """Explores with a policy, and says by how much other weights would change what it did.
+
+    R stands for any leading shape, d for the action's size and X for that of the trace: whatever the
+    algorithm must remember of how an action came about in order to take its ratio later.
+    """
+
+    name: str
+    actor: FlowNetwork
+    euler_steps: int
+    settings: TrainingSettings
+
+    def explore(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Observations (R, O) -> actions (R, d) and traces (R, X)."""
+        ...
+
+    def log_likelihood(self, observation: Tensor, action: Tensor, trace: Tensor) -> Tensor:
+        """Log-likelihood (R,) of what was explored, or its surrogate, under the present weights."""
+        ...
+
+    def ratio(self, new: Tensor, old: Tensor) -> Tensor:
+        """Probability ratio (R,) of two log-likelihoods."""
+        ...
+
+    def objective(self, ratio: Tensor, advantage: Tensor) -> Tensor:
+        """What each sample adds to the surrogate objective to maximise, (R,)."""
+        ...
+
+    def act(self, observation: Tensor, start: Tensor) -> Tensor:
+        """Actions (R, d) as deployed, made from standard normal noise ``start`` (R, d)."""
+        ...

@@ -1,0 +1,123 @@
+"""What a training run leaves on the disk: ``checkpoint.pt`` to resume from, ``best.pt`` to export."""
+
+import io
+import pickle
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from edge_runtime.errors import ConfigError
+from export.atomic import write_atomic
+from export.networks import FlowNetwork
+
+CHECKPOINT = "checkpoint.pt"
+BEST = "best.pt"
+
+
+@dataclass(frozen=True)
+class RunIdentity:
+    """What must be equal for a run to be the continuation of another."""
+
+    scenario: str
+    algorithm: str
+    seed: int
+    frames: int
+    workers: int
+    observation_dim: int
+    action_dim: int
+    hidden: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class PolicyFacts:
+    """Where a trained policy comes from."""
+
+    scenario: str
+    algorithm: str
+    seed: int
+    frames: int
+    commit: str
+    """Git commit of the training code; ``unknown`` outside a checkout."""
+    score: float
+    """The scenario's score on validation episodes."""
+    euler_steps: int
+    """T that it was trained with."""
+
+
+def save(path: Path, state: dict[str, Any]) -> None:
+    """Write a state of tensors and plain values, atomically.
+
+    Raises:
+        ConfigError: if the file cannot be written.
+    """
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    write_atomic(path, buffer.getvalue())
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Read what ``save`` wrote, onto the CPU; nothing in the file is executed.
+
+    Raises:
+        ConfigError: if the file is missing or damaged.
+    """
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise ConfigError(f"{path} does not exist: name the --out directory of an edge-train run") from None
+    except (RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError, OSError) as error:
+        raise ConfigError(
+            f"{path} is damaged or not a checkpoint: train again into a new directory"
+        ) from error
+
+
+def check_identity(path: Path, found: dict[str, Any], wanted: RunIdentity) -> None:
+    """Refuse to continue one run as another.
+
+    Raises:
+        ConfigError: if any field differs; names both values.
+    """
+    for field in fields(RunIdentity):
+        have, want = found.get(field.name), getattr(wanted, field.name)
+        if have != want:
+            raise ConfigError(
+                f"{path} holds a run with {field.name} {have}, not {want}: "
+                f"resume it with {field.name} {have} or choose another --out"
+            )
+
+
+def save_policy(directory: Path, actor: FlowNetwork, facts: PolicyFacts) -> None:
+    """Write ``best.pt``.
+
+    Raises:
+        ConfigError: if the file cannot be written.
+    """
+    network = {
+        "observation_dim": actor.observation_dim,
+        "action_dim": actor.action_dim,
+        "hidden": actor.hidden,
+        "activation": actor.activation,
+        "prior_std": actor.prior_std,
+    }
+    save(directory / BEST, {"facts": asdict(facts), "network": network, "actor": actor.state_dict()})
+
+
+def load_policy(run_dir: Path) -> tuple[FlowNetwork, PolicyFacts]:
+    """Read the best-validated policy of a run directory.
+
+    Raises:
+        ConfigError: if ``best.pt`` is missing, damaged, or no policy.
+    """
+    path = Path(run_dir) / BEST
+    state = load(path)
+    try:
+        facts = PolicyFacts(**state["facts"])
+        actor = FlowNetwork(**state["network"])
+        actor.load_state_dict(state["actor"])
+    except (KeyError, TypeError, RuntimeError) as error:
+        raise ConfigError(
+            f"{path} holds no policy of this version: train it again with edge-train"
+        ) from error
+    return actor.eval(), facts

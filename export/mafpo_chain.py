@@ -1,0 +1,71 @@
+"""MAFPO with the ratio taken over the Euler chain itself, in place of eq. 8.
+
+While exploring, each of the T Euler steps adds a little noise,
+
+    a_(k+1) = a_k + v(a_k, k / T | o) / T + sigma z,   z ~ N(0, I),
+
+so that the chain has an exact Gaussian density; its log-ratio is summed over the steps and limited by
+PPO's clip. The deployed policy adds nothing. Related: DPPO, ReinFlow, Flow-GRPO.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from export.algorithm import TrainingSettings
+from export.networks import FlowNetwork
+
+
+@dataclass(frozen=True)
+class ChainSettings:
+    """Constants of the algorithm."""
+
+    euler_steps: int = 10
+    step_noise: float = 0.15
+    """sigma, in units of the action, at each Euler step."""
+    clip: float = 0.2
+    """Half-width of PPO's trust region for the chain's ratio."""
+
+
+class MafpoChain:
+    """A flow policy trained as a Markov chain of T small Gaussian steps."""
+
+    name = "mafpo-chain"
+    settings = TrainingSettings(learning_rate=1e-3, ratio_change=0.08)
+
+    def __init__(self, observation_dim: int, action_dim: int) -> None:
+        self.flow = ChainSettings()
+        self.euler_steps = self.flow.euler_steps
+        self.actor = FlowNetwork(observation_dim, action_dim)
+
+    def explore(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Sample noisy chains; the trace holds all T + 1 points."""
+        shape = (self.euler_steps + 1, *observation.shape[:-1], self.actor.action_dim)
+        noise = torch.randn(shape, generator=generator, device=observation.device)
+        context, chain = self.actor.context(observation), [noise[0]]
+        for k in range(self.euler_steps):
+            velocity = self.actor.velocity(context, chain[-1], noise.new_full((1,), k / self.euler_steps))
+            chain.append(chain[-1] + velocity / self.euler_steps + self.flow.step_noise * noise[k + 1])
+        return chain[-1], torch.stack(chain, -2).flatten(-2)
+
+    def log_likelihood(self, observation: Tensor, action: Tensor, trace: Tensor) -> Tensor:
+        """Log-density of the chain's T transitions, less its constant; the action is the chain's end."""
+        chain = trace.unflatten(-1, (self.euler_steps + 1, action.shape[-1]))
+        tau = torch.arange(self.euler_steps, device=chain.device)[:, None] / self.euler_steps
+        velocity = self.actor.velocity(self.actor.context(observation)[..., None, :], chain[..., :-1, :], tau)
+        residual = chain.diff(dim=-2) - velocity / self.euler_steps
+        return -residual.square().sum((-2, -1)) / (2 * self.flow.step_noise**2)
+
+    def ratio(self, new: Tensor, old: Tensor) -> Tensor:
+        """Ratio of the chains' densities."""
+        return (new - old).exp()
+
+    def objective(self, ratio: Tensor, advantage: Tensor) -> Tensor:
+        """PPO's clipped surrogate."""
+        clipped = ratio.clamp(1 - self.flow.clip, 1 + self.flow.clip)
+        return torch.minimum(ratio * advantage, clipped * advantage)
+
+    def act(self, observation: Tensor, start: Tensor) -> Tensor:
+        """T Euler steps from ``start``, with no noise on the way."""
+        return self.actor.sample(observation, start, self.euler_steps)

@@ -1,0 +1,75 @@
+"""The table of a training run: one row per update, and its picture."""
+
+import csv
+import io
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from export.atomic import write_atomic
+
+mpl.use("Agg")
+
+
+@dataclass(frozen=True)
+class MetricsRow:
+    """One update; None where no episode ended, or where no validation was due."""
+
+    frames: int
+    seconds: float
+    """Wall-clock time of training so far, over all its resumed parts."""
+    mean_return: float | None
+    success: float | None
+    failure: float | None
+    ratio_change: float
+    value_loss: float
+    learning_rate: float
+    validation_return: float | None = None
+    validation_success: float | None = None
+    validation_failure: float | None = None
+    score: float | None = None
+
+
+def write_table(path: Path, rows: list[MetricsRow]) -> None:
+    """Write ``metrics.csv``, atomically.
+
+    Raises:
+        ConfigError: if the file cannot be written.
+    """
+    buffer = io.StringIO(newline="")
+    writer = csv.DictWriter(buffer, [field.name for field in fields(MetricsRow)])
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in rows)
+    write_atomic(path, buffer.getvalue().encode())
+
+
+def draw_curve(path: Path, rows: list[MetricsRow], title: str, failure: str) -> None:
+    """Draw returns, successes and failures over frames into a PNG file, atomically.
+
+    Raises:
+        ConfigError: if the file cannot be written.
+    """
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    figure.suptitle(title)
+    _plot(left, rows, "mean_return", "training", "-")
+    _plot(left, rows, "validation_return", "validation", "o-")
+    left.set(xlabel="team frames", ylabel="return of an episode")
+    _plot(right, rows, "validation_success", "success, validation", "o-")
+    _plot(right, rows, "success", "success, training", "-")
+    _plot(right, rows, "failure", f"{failure}, training", "-")
+    right.set(xlabel="team frames", ylabel="share of episodes", ylim=(-0.02, 1.02))
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.legend()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=120)
+    write_atomic(path, buffer.getvalue())
+
+
+def _plot(axes: "mpl.axes.Axes", rows: list[MetricsRow], column: str, label: str, style: str) -> None:
+    points = [(row.frames, getattr(row, column)) for row in rows if getattr(row, column) is not None]
+    if points:
+        axes.plot(*zip(*points, strict=True), style, markersize=3, label=label)

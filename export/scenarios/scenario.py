@@ -1,0 +1,104 @@
+"""What every training scenario offers: a batch of B teams of N robots, stepped and reset together."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.manifest import ActionField, Body, ObservationField
+
+
+@dataclass(frozen=True)
+class ScenarioFacts:
+    """What a policy trained here must be told about its robots; the bundle's manifest repeats it."""
+
+    name: str
+    robots: int
+    observation: tuple[ObservationField, ...]
+    action: tuple[ActionField, ...]
+    dynamics: Dynamics
+    body: Body
+    training_steps: int
+    """Length of a training episode, in control steps; the critic bootstraps beyond it."""
+    evaluation_steps: int
+    """Time limit of an evaluated episode, in control steps."""
+    failure: str
+    """What a failed episode is called: ``collision``."""
+
+    @property
+    def observation_dim(self) -> int:
+        """Size O of one robot's observation."""
+        return sum(field.size for field in self.observation)
+
+    @property
+    def action_dim(self) -> int:
+        """Size d of one robot's action."""
+        return len(self.action)
+
+    @property
+    def control_rate_hz(self) -> float:
+        """Control steps in a second."""
+        return 1.0 / self.dynamics.dt_s
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What one control step brought."""
+
+    reward: Tensor
+    """(B, N), each robot's own."""
+    succeeded: Tensor
+    """(B,) bool: the team's task is done in this state."""
+    failed: Tensor
+    """(B,) bool: this state is one that the task forbids (a collision, a fallen payload)."""
+    terminated: Tensor
+    """(B,) bool: the episode ends here by itself, with no value beyond."""
+
+
+@dataclass(frozen=True)
+class EpisodeMetrics:
+    """Means over finished episodes; each counts until its first success, failure or time limit."""
+
+    episodes: int
+    mean_return: float
+    """Sum of the rewards of an episode, averaged over the robots."""
+    success: float
+    """Share of the episodes that succeeded with no failure before."""
+    failure: float
+    """Share of the episodes that failed with no success before."""
+    steps: float
+
+
+class Scenario(Protocol):
+    """A batch of teams; all tensors lie on the scenario's device."""
+
+    facts: ScenarioFacts
+    environments: int
+    """B."""
+    device: torch.device
+
+    def observe(self) -> Tensor:
+        """Return the observations (B, N, O)."""
+        ...
+
+    def step(self, action: Tensor) -> Transition:
+        """Apply the actions (B, N, d), clamped to their limits, for one control period."""
+        ...
+
+    def reset(self, finished: Tensor | None = None) -> None:
+        """Start new episodes where ``finished`` (B,) is true; everywhere if it is None."""
+        ...
+
+    def score(self, metrics: EpisodeMetrics) -> float:
+        """Return what validation maximises, in [0, 1] where the task knows success."""
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that decides the future of the episodes, generators included."""
+        ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what ``state_dict`` returned."""
+        ...

@@ -1,0 +1,105 @@
+"""edge-train: train a flow policy on a scenario."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import torch
+from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+
+from edge_runtime.errors import ConfigError, EdgeError
+from export.distributed import join, launch
+from export.progress import ProgressView
+from export.scenarios import SCENARIOS
+from export.training_run import ALGORITHMS, Request, TrainingRun, check_directory
+
+EXAMPLES = """\
+examples:
+  edge-train navigation --seed 0 --out runs/nav
+  edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
+  edge-train navigation --algorithm mafpo-chain --seed 1 --out runs/chain-1
+  edge-train navigation --out runs/nav --workers 2           two processes, one policy
+
+the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv and curve.png
+"""
+
+
+def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
+    """Return the request and the number of workers to start."""
+    parser = argparse.ArgumentParser(
+        prog="edge-train",
+        description="Train a flow policy for a team of robots.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("scenario", choices=sorted(SCENARIOS))
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
+    parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="mafpo")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--frames", type=int, metavar="N", help="control steps of the team to train for")
+    parser.add_argument(
+        "--resume", action="store_true", help="continue the run in DIR from its last checkpoint"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processes that share the work (1)"
+    )
+    options = vars(parser.parse_args(arguments))
+    workers = options.pop("workers")
+    return Request(**options), workers
+
+
+def check(request: Request, workers: int) -> None:
+    """Refuse numbers that make no sense and directories that are taken.
+
+    Raises:
+        ConfigError: names the flag.
+    """
+    if workers < 1:
+        raise ConfigError(f"--workers must be at least 1, got {workers}")
+    if request.seed < 0:
+        raise ConfigError(f"--seed must not be negative, got {request.seed}")
+    if request.frames is not None and request.frames < 1:
+        raise ConfigError(f"--frames must be at least 1, got {request.frames}")
+    check_directory(request)
+
+
+def work(request: Request) -> None:
+    """Train as one worker, alone or in the group that torchrun made."""
+    # The matrices are small: further threads only contend, and sums stay in one order.
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    with join() as workers:
+        run = TrainingRun(request, workers)
+        if not workers.leads:
+            run.train(lambda _row: None)
+            return
+        with ProgressView(run.trainer.frames, run.total_frames, run.facts.failure) as view:
+            run.train(view.show)
+        print(f"best validation score {run.best_score:.1%}; next: edge-export {request.out} --out DIR")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns the exit code."""
+    request, workers = parse(arguments)
+    try:
+        check(request, workers)
+        request.out.mkdir(parents=True, exist_ok=True)
+        if workers > 1:
+            launch(workers, work, request)
+        else:
+            work(request)
+    except EdgeError as error:
+        print(f"edge-train: {error}", file=sys.stderr)
+        return 2
+    except ChildFailedError as error:
+        rank, _ = error.get_first_failure()
+        print(f"edge-train: worker {rank} failed, see its message above", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"edge-train: stopped; continue with --resume --out {request.out}", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""The on-policy loop that all algorithms share: collect, estimate advantages, update, count."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from export.algorithm import Algorithm, TrainingSettings
+from export.distributed import Workers
+from export.gae import advantages
+from export.moments import RunningMoments
+from export.networks import Critic, team_views
+from export.rollout import Collector, Rollout
+from export.scenarios.scenario import EpisodeMetrics, Scenario
+
+CHUNK = 8192
+"""Samples evaluated at once where no gradient is needed: bounds memory, stays in the cache."""
+ADAPTED_RATES = (0.01, 3.0)
+"""Bounds of the adapted learning rate, relative to its setting."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """R samples of single robots, ready to learn from."""
+
+    observation: Tensor
+    """(R, O)"""
+    action: Tensor
+    """(R, d)"""
+    trace: Tensor
+    """(R, X)"""
+    old_log_likelihood: Tensor
+    """(R,)"""
+    advantage: Tensor
+    """(R,), normalised over all workers."""
+    team_observation: Tensor
+    """(R, N O): ``team_views`` of the normalised observations."""
+    value_target: Tensor
+    """(R,)"""
+
+    def rows(self, index: Tensor) -> "Batch":
+        """Return the samples at ``index``."""
+        return Batch(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class UpdateMetrics:
+    """Means over the gradient steps of one update."""
+
+    ratio_change: float
+    """|ratio - 1|"""
+    value_loss: float
+
+
+class Trainer:
+    """One worker's share of a training run; everything that decides its future is in ``state_dict``."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        algorithm: Algorithm,
+        settings: TrainingSettings,
+        generator: torch.Generator,
+        workers: Workers,
+    ) -> None:
+        facts = scenario.facts
+        self.algorithm, self.settings, self.workers = algorithm, settings, workers
+        self.frames = 0
+        self.critic = Critic(facts.observation_dim, facts.robots).to(workers.device)
+        algorithm.actor.to(workers.device)
+        self.collector = Collector(scenario, generator)
+        self._generator = generator
+        self._reward_moments = RunningMoments(1).to(workers.device)
+        self._discounted = torch.zeros(scenario.environments, facts.robots, device=workers.device)
+        self._rate = settings.learning_rate
+        self._optimizer = torch.optim.Adam(
+            [{"params": algorithm.actor.parameters()}, {"params": self.critic.parameters()}], eps=1e-5
+        )
+
+    @property
+    def learning_rate(self) -> float:
+        """The actor's present learning rate."""
+        return self._rate * self._decay()
+
+    def iterate(self) -> tuple[EpisodeMetrics | None, UpdateMetrics]:
+        """Collect once and learn from it; returns what ended meanwhile and how the update went."""
+        rollout = self.collector.collect(self.algorithm, self.settings.steps, self._value)
+        metrics = self.update(self.prepare(rollout))
+        self.algorithm.actor.moments.update(rollout.observation, self.workers)
+        self.frames += self.settings.environments * self.settings.steps
+        return self.collector.tally.take(self.workers), metrics
+
+    @torch.no_grad()
+    def prepare(self, rollout: Rollout) -> Batch:
+        """Estimate advantages and value targets, and record the likelihoods before the update."""
+        settings = self.settings
+        value = self._value(rollout.observation)
+        reward = self._scaled(rollout) + settings.discount * rollout.cut_value
+        advantage = advantages(
+            reward,
+            value,
+            self._value(rollout.last_observation),
+            rollout.done,
+            discount=settings.discount,
+            gae_lambda=settings.gae_lambda,
+        )
+        team = team_views(self.algorithm.actor.moments(rollout.observation))
+        samples = [x.flatten(0, 2) for x in (rollout.observation, rollout.action, rollout.trace)]
+        return Batch(
+            *samples,
+            old_log_likelihood=self._log_likelihood(*samples),
+            advantage=self._normalised(advantage.flatten()),
+            team_observation=team.flatten(0, 2),
+            value_target=(advantage + value).flatten(),
+        )
+
+    def update(self, batch: Batch) -> UpdateMetrics:
+        """Several epochs of minibatches; gradients are averaged over the workers."""
+        self._set_learning_rates()
+        minibatch = self.settings.minibatch // self.workers.count
+        metrics = []
+        for _ in range(self.settings.epochs):
+            order = torch.randperm(
+                len(batch.advantage), generator=self._generator, device=self.workers.device
+            )
+            metrics += [self._gradient_step(batch.rows(index)) for index in order.split(minibatch)]
+        ratio_change, value_loss = self.workers.mean(torch.stack(metrics).mean(0)).tolist()
+        self._adapt_learning_rate(ratio_change)
+        return UpdateMetrics(ratio_change, value_loss)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what all workers share."""
+        return {
+            "frames": self.frames,
+            "actor": self.algorithm.actor.state_dict(),
+            "critic": self.critic.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "reward_moments": self._reward_moments.state_dict(),
+            "learning_rate": self._rate,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what ``state_dict`` returned."""
+        self.frames, self._rate = state["frames"], state["learning_rate"]
+        self.algorithm.actor.load_state_dict(state["actor"])
+        self.critic.load_state_dict(state["critic"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._reward_moments.load_state_dict(state["reward_moments"])
+
+    def worker_state_dict(self) -> dict[str, Any]:
+        """Return what this worker alone knows: its episodes and its generator."""
+        return {
+            "collector": self.collector.state_dict(),
+            "discounted": self._discounted,
+            "generator": self._generator.get_state(),
+        }
+
+    def load_worker_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what ``worker_state_dict`` returned."""
+        self.collector.load_state_dict(state["collector"])
+        self._discounted.copy_(state["discounted"])
+        self._generator.set_state(state["generator"])
+
+    def _value(self, observation: Tensor) -> Tensor:
+        """Observations (.., N, O) -> values (.., N)."""
+        return self.critic(self.algorithm.actor.moments(observation))
+
+    def _log_likelihood(self, *samples: Tensor) -> Tensor:
+        chunks = zip(*(x.split(CHUNK) for x in samples), strict=True)
+        return torch.cat([self.algorithm.log_likelihood(*chunk) for chunk in chunks])
+
+    def _scaled(self, rollout: Rollout) -> Tensor:
+        """Rewards (K, B, N) over the running deviation of their discounted sums."""
+        sums = []
+        for reward, done in zip(rollout.reward, rollout.done, strict=True):
+            self._discounted = self.settings.discount * self._discounted + reward
+            sums.append(self._discounted)
+            self._discounted = self._discounted * (~done)[:, None]
+        self._reward_moments.update(torch.stack(sums)[..., None], self.workers)
+        return rollout.reward / self._reward_moments.deviation.to(rollout.reward.dtype)
+
+    def _normalised(self, advantage: Tensor) -> Tensor:
+        mean = self.workers.mean(advantage.mean())
+        deviation = self.workers.mean((advantage - mean).square().mean()).sqrt()
+        return (advantage - mean) / (deviation + 1e-8)
+
+    def _gradient_step(self, batch: Batch) -> Tensor:
+        """Return |ratio - 1| and the critic's loss, both averaged over the samples."""
+        new = self.algorithm.log_likelihood(batch.observation, batch.action, batch.trace)
+        ratio = self.algorithm.ratio(new, batch.old_log_likelihood)
+        surrogate = self.algorithm.objective(ratio, batch.advantage).mean()
+        value_loss = (
+            0.5 * (self.critic.own_value(batch.team_observation) - batch.value_target).square().mean()
+        )
+        self._optimizer.zero_grad()
+        (value_loss - surrogate).backward()
+        self.workers.average_gradients([*self.algorithm.actor.parameters(), *self.critic.parameters()])
+        for network in (self.algorithm.actor, self.critic):
+            nn.utils.clip_grad_norm_(network.parameters(), self.settings.gradient_limit)
+        self._optimizer.step()
+        return torch.stack([(ratio.detach() - 1).abs().mean(), value_loss.detach()])
+
+    def _decay(self) -> float:
+        progress = min(self.frames / self.settings.frames, 1.0)
+        return 1.0 - (1.0 - self.settings.final_learning_rate) * progress
+
+    def _set_learning_rates(self) -> None:
+        actor, critic = self._optimizer.param_groups
+        actor["lr"] = self.learning_rate
+        critic["lr"] = self.settings.critic_learning_rate * self._decay()
+
+    def _adapt_learning_rate(self, ratio_change: float) -> None:
+        wanted = self.settings.ratio_change
+        if wanted is None:
+            return
+        factor = 1 / 1.2 if ratio_change > 1.5 * wanted else 1.1 if ratio_change < 0.7 * wanted else 1.0
+        low, high = (bound * self.settings.learning_rate for bound in ADAPTED_RATES)
+        self._rate = min(max(self._rate * factor, low), high)

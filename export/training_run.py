@@ -1,0 +1,209 @@
+"""One training run in its directory: start or resume, train, validate, checkpoint."""
+
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from edge_runtime.errors import ConfigError
+from export.algorithm import Algorithm, TrainingSettings
+from export.checkpoint import CHECKPOINT, PolicyFacts, RunIdentity, check_identity, load, save, save_policy
+from export.distributed import Workers
+from export.mafpo import Mafpo
+from export.mafpo_chain import MafpoChain
+from export.metrics import MetricsRow, draw_curve, write_table
+from export.scenarios import make_scenario
+from export.trainer import Trainer
+from export.validation import Validation
+
+ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain)}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for."""
+
+    scenario: str
+    algorithm: str
+    seed: int
+    out: Path
+    frames: int | None = None
+    """None for the algorithm's default, or for what a resumed run was started with."""
+    resume: bool = False
+
+
+def check_directory(request: Request) -> None:
+    """Refuse what would overwrite a run, or resume nothing.
+
+    Raises:
+        ConfigError: if ``out`` and ``resume`` do not go together.
+    """
+    started = (request.out / CHECKPOINT).exists()
+    if started and not request.resume:
+        raise ConfigError(
+            f"{request.out} already holds a run: continue it with --resume or choose another --out"
+        )
+    if request.resume and not started:
+        raise ConfigError(f"{request.out} holds no {CHECKPOINT} to resume: start it without --resume")
+
+
+class TrainingRun:
+    """One worker's side of a run; the leading worker writes the files."""
+
+    def __init__(self, request: Request, workers: Workers, settings: TrainingSettings | None = None) -> None:
+        """Start anew, or continue where the last checkpoint was made.
+
+        Raises:
+            ConfigError: if the checkpoint is damaged or another run's, or the work cannot be shared equally.
+        """
+        self._request, self._workers = request, workers
+        seeds = np.random.SeedSequence([request.seed, workers.rank]).generate_state(2).tolist()
+        saved = load(request.out / CHECKPOINT) if request.resume else None
+        settings = _settings(request, settings, saved)
+        _check_shares(settings, workers.count)
+        scenario = make_scenario(
+            request.scenario, settings.environments // workers.count, seeds[0], workers.device, training=True
+        )
+        self.facts = scenario.facts
+        generator = torch.Generator(workers.device).manual_seed(seeds[1])
+        with torch.random.fork_rng():
+            torch.manual_seed(request.seed)  # initial weights are equal in all workers
+            algorithm = ALGORITHMS[request.algorithm](self.facts.observation_dim, self.facts.action_dim)
+            self.trainer = Trainer(scenario, algorithm, settings, generator, workers)
+        self._identity = self._identify(algorithm, settings)
+        if saved:
+            check_identity(request.out / CHECKPOINT, saved["identity"], self._identity)
+        self._validation = Validation(request.scenario, settings.validation_episodes, workers)
+        self.rows: list[MetricsRow] = []
+        self.best_score = float("-inf")
+        if saved:
+            self._restore(saved)
+        else:
+            self._checkpoint()
+
+    @property
+    def total_frames(self) -> int:
+        """Team frames at which the run is finished."""
+        return self.trainer.settings.frames
+
+    def train(self, show: Callable[[MetricsRow], None]) -> None:
+        """Train to the end; ``show`` is called after every update.
+
+        Raises:
+            ConfigError: if a file cannot be written.
+        """
+        before = self.rows[-1].seconds if self.rows else 0.0
+        began = time.monotonic()
+        while self.trainer.frames < self.total_frames:
+            row = self._update(lambda: before + time.monotonic() - began)
+            due = (len(self.rows) + 1) % self.trainer.settings.validation_every == 0
+            if due or self.trainer.frames >= self.total_frames:
+                row = self._validated(row)
+                self.rows.append(row)
+                self._checkpoint()
+            else:
+                self.rows.append(row)
+            show(row)
+
+    def _update(self, clock: Callable[[], float]) -> MetricsRow:
+        rate = self.trainer.learning_rate
+        episodes, update = self.trainer.iterate()
+        return MetricsRow(
+            frames=self.trainer.frames,
+            seconds=round(clock(), 1),
+            mean_return=episodes.mean_return if episodes else None,
+            success=episodes.success if episodes else None,
+            failure=episodes.failure if episodes else None,
+            ratio_change=update.ratio_change,
+            value_loss=update.value_loss,
+            learning_rate=rate,
+        )
+
+    def _validated(self, row: MetricsRow) -> MetricsRow:
+        metrics, score = self._validation.run(self.trainer.algorithm)
+        if score >= self.best_score:
+            self.best_score = score
+            if self._workers.leads:
+                save_policy(self._request.out, self.trainer.algorithm.actor, self._policy_facts())
+        return replace(
+            row,
+            validation_return=metrics.mean_return,
+            validation_success=metrics.success,
+            validation_failure=metrics.failure,
+            score=score,
+        )
+
+    def _policy_facts(self) -> PolicyFacts:
+        return PolicyFacts(
+            scenario=self._request.scenario,
+            algorithm=self._request.algorithm,
+            seed=self._request.seed,
+            frames=self.trainer.frames,
+            commit=_git_commit(),
+            score=self.best_score,
+            euler_steps=self.trainer.algorithm.euler_steps,
+        )
+
+    def _checkpoint(self) -> None:
+        worker_states = self._workers.gather(self.trainer.worker_state_dict())
+        if not self._workers.leads:
+            return
+        out = self._request.out
+        save(
+            out / CHECKPOINT,
+            {
+                "identity": asdict(self._identity),
+                "trainer": self.trainer.state_dict(),
+                "workers": worker_states,
+                "rows": [asdict(row) for row in self.rows],
+                "best_score": self.best_score,
+            },
+        )
+        if self.rows:
+            title = f"{self._request.algorithm} on {self._request.scenario}, seed {self._request.seed}"
+            write_table(out / "metrics.csv", self.rows)
+            draw_curve(out / "curve.png", self.rows, title, self.facts.failure)
+
+    def _restore(self, saved: dict) -> None:
+        self.trainer.load_state_dict(saved["trainer"])
+        self.trainer.load_worker_state_dict(saved["workers"][self._workers.rank])
+        self.rows = [MetricsRow(**row) for row in saved["rows"]]
+        self.best_score = saved["best_score"]
+
+    def _identify(self, algorithm: Algorithm, settings: TrainingSettings) -> RunIdentity:
+        return RunIdentity(
+            scenario=self._request.scenario,
+            algorithm=algorithm.name,
+            seed=self._request.seed,
+            frames=settings.frames,
+            workers=self._workers.count,
+            observation_dim=self.facts.observation_dim,
+            action_dim=self.facts.action_dim,
+            hidden=algorithm.actor.hidden,
+        )
+
+
+def _settings(request: Request, given: TrainingSettings | None, saved: dict | None) -> TrainingSettings:
+    """Return the settings to train by: given or the algorithm's own, with the frames asked for."""
+    settings = given or ALGORITHMS[request.algorithm].settings
+    frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
+    return replace(settings, frames=frames)
+
+
+def _check_shares(settings: TrainingSettings, workers: int) -> None:
+    for name in ("environments", "minibatch", "validation_episodes"):
+        total = getattr(settings, name)
+        if total % workers:
+            raise ConfigError(f"--workers {workers} does not divide {total} {name}: choose one that does")
+
+
+def _git_commit() -> str:
+    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
+    try:
+        return subprocess.check_output(command, text=True, stderr=subprocess.DEVNULL).strip()  # noqa: S603
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

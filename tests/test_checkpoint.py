@@ -1,0 +1,63 @@
+import errno
+import os
+
+import pytest
+import torch
+
+from edge_runtime.errors import ConfigError
+from export.atomic import write_atomic
+from export.checkpoint import PolicyFacts, load, load_policy, save, save_policy
+from export.networks import FlowNetwork
+
+FACTS = PolicyFacts("navigation", "mafpo", 3, 12_800, "unknown", 0.5, euler_steps=10)
+
+
+def test_policy_comes_back_as_it_was_saved(tmp_path):
+    network = FlowNetwork(18, 2, hidden=(8, 12), activation="tanh", prior_std=None)
+    save_policy(tmp_path, network, FACTS)
+    loaded, facts = load_policy(tmp_path)
+    sample = torch.randn(5, 2), torch.rand(5, 1), torch.randn(5, 18)
+    assert facts == FACTS
+    assert torch.equal(loaded(*sample), network(*sample))
+
+
+@pytest.mark.parametrize("keep", [0, 10, 1000])
+def test_truncated_file_is_refused_by_name(tmp_path, keep):
+    save_policy(tmp_path, FlowNetwork(18, 2), FACTS)
+    path = tmp_path / "best.pt"
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(ConfigError, match=r"best\.pt is damaged"):
+        load_policy(tmp_path)
+
+
+def test_missing_run_and_foreign_checkpoint_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="does not exist"):
+        load_policy(tmp_path)
+    save(tmp_path / "best.pt", {"weights": torch.zeros(3)})
+    with pytest.raises(ConfigError, match="no policy of this version"):
+        load_policy(tmp_path)
+
+
+def test_pickled_code_is_not_executed(tmp_path):
+    class Malicious:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "executed"),)
+
+    torch.save({"facts": Malicious()}, tmp_path / "best.pt")
+    with pytest.raises(ConfigError):
+        load(tmp_path / "best.pt")
+    assert not (tmp_path / "executed").exists()
+
+
+def test_full_disk_keeps_the_old_file_and_says_so(tmp_path, monkeypatch):
+    path = tmp_path / "checkpoint.pt"
+    write_atomic(path, b"old")
+
+    def no_space(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(ConfigError, match="No space left on device"):
+        write_atomic(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]

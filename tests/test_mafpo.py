@@ -1,0 +1,101 @@
+"""MAFPO's equations against closed forms and against autograd."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from export.mafpo import Mafpo, conditional_flow_matching_loss
+from export.networks import FlowNetwork
+
+
+def explored(algorithm, rows=64, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    observation = torch.randn(rows, algorithm.actor.observation_dim, generator=generator)
+    with torch.no_grad():
+        return observation, *algorithm.explore(observation, generator)
+
+
+def perturb(network, scale=0.1):
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(scale * torch.randn_like(parameter))
+
+
+@pytest.mark.parametrize("std", [0.3, 0.5, 1.0])
+def test_loss_of_a_gaussian_on_its_own_samples_is_pi_s(std):
+    """No field does better on N(0, s^2 I) in two dimensions: the integral over tau of the conditional
+    variance 2 s^2 / ((1 - tau)^2 + tau^2 s^2) is pi s."""
+    torch.manual_seed(0)
+    actor = FlowNetwork(3, 2, prior_std=std)
+    torch.nn.init.zeros_(actor.layers[-1].weight)
+    action, noise, tau = std * torch.randn(20_000, 2), torch.randn(20_000, 8, 2), torch.rand(20_000, 8, 1)
+    loss = conditional_flow_matching_loss(
+        actor, torch.zeros(20_000, 3), action, noise, tau, terminal_weight=False
+    )
+    assert loss.mean().item() == pytest.approx(math.pi * std, rel=0.02)
+
+
+def test_terminal_weight_measures_the_terminal_estimate():
+    """(1 - tau)^2 |v - (a1 - a0)|^2 is the squared error of eq. 10's estimate a + (1 - tau) v."""
+    torch.manual_seed(0)
+    actor = FlowNetwork(3, 2)
+    perturb(actor)
+    observation, action, noise, tau = (
+        torch.randn(9, 3),
+        torch.randn(9, 2),
+        torch.randn(9, 1, 2),
+        torch.rand(9, 1, 1),
+    )
+    path = ((1 - tau) * noise + tau * action[:, None])[:, 0]
+    estimate = path + (1 - tau[:, 0]) * actor(path, tau[:, 0], observation)
+    loss = conditional_flow_matching_loss(actor, observation, action, noise, tau, terminal_weight=True)
+    torch.testing.assert_close(loss, (estimate - action).square().sum(-1))
+
+
+def test_ratio_is_one_before_the_update_and_moves_with_the_loss():
+    algorithm = Mafpo(18, 2)
+    samples = explored(algorithm)
+    old = algorithm.log_likelihood(*samples)
+    assert (algorithm.ratio(old, old) == 1).all()
+    better, worse = algorithm.ratio(old + 0.1, old), algorithm.ratio(old - 0.1, old)
+    torch.testing.assert_close(better * worse, torch.ones_like(old))
+    assert algorithm.ratio(old + 50, old).isfinite().all()
+
+
+def test_gradient_at_the_old_weights_is_the_advantage_weighted_gradient_of_the_bound():
+    """Proposition 1, by autograd."""
+    algorithm = Mafpo(18, 2)
+    perturb(algorithm.actor)
+    samples = explored(algorithm)
+    advantage = torch.randn(64)
+    bound = algorithm.log_likelihood(*samples)
+    parameters = list(algorithm.actor.parameters())
+    objective = algorithm.objective(algorithm.ratio(bound, bound.detach()), advantage).mean()
+    shifted = advantage + algorithm.flow.advantage_shift
+    expected = torch.autograd.grad((shifted * bound).mean(), parameters, retain_graph=True)
+    for a, b in zip(torch.autograd.grad(objective, parameters), expected, strict=True):
+        torch.testing.assert_close(a, b)
+
+
+@given(advantage=st.floats(-3, 3), other=st.floats(0.1, 3))
+def test_simple_policy_optimisation_wants_a_ratio_of_one_plus_or_minus_epsilon(advantage, other):
+    """Eq. 9 is a parabola in the ratio whose top lies epsilon away from one, on the advantage's side."""
+    algorithm = Mafpo(2, 2)
+    flow = algorithm.flow
+    side = math.copysign(1.0, advantage + flow.advantage_shift)
+    top = torch.tensor(1 + side * flow.spo_epsilon)
+    advantage, other = torch.tensor(advantage), torch.tensor(other)
+    assert algorithm.objective(top, advantage) >= algorithm.objective(other, advantage) - 1e-5
+
+
+def test_explores_with_the_policy_that_is_deployed():
+    algorithm = Mafpo(18, 2)
+    perturb(algorithm.actor)
+    observation, action, _ = explored(algorithm, seed=3)
+    generator = torch.Generator().manual_seed(3)
+    torch.randn(64, 18, generator=generator)
+    start = torch.randn(64, 2, generator=generator)
+    torch.testing.assert_close(action, algorithm.act(observation, start))

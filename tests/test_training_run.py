@@ -1,0 +1,128 @@
+import csv
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+import torch
+
+from edge_runtime.errors import ConfigError
+from export.algorithm import TrainingSettings
+from export.checkpoint import load, load_policy
+from export.distributed import Workers
+from export.training_run import Request, TrainingRun, check_directory
+
+SETTINGS = TrainingSettings(
+    frames=6 * 48,
+    environments=16,
+    steps=3,
+    epochs=2,
+    minibatch=96,
+    validation_every=3,
+    validation_episodes=4,
+)
+
+
+def request(out, **changes):
+    return replace(Request("navigation", "mafpo-chain", 0, out), **changes)
+
+
+def train(request, show=lambda _row: None):
+    torch.set_num_threads(1)
+    run = TrainingRun(request, Workers(), SETTINGS)
+    run.train(show)
+    return run
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("finished")
+    train(request(out))
+    return out
+
+
+def same(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(
+            same(a[key], b[key]) for key in a if key not in {"seconds", "commit"}
+        )
+    if isinstance(a, list):
+        return len(a) == len(b) and all(map(same, a, b))
+    return torch.equal(a, b) if isinstance(a, torch.Tensor) else a == b
+
+
+TRAIN_SLOWLY = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, "tests")
+from test_training_run import request, train
+train(request(Path(sys.argv[1])), lambda row: time.sleep(0.2))
+"""
+
+
+def test_resumed_after_sigkill_it_ends_as_if_never_interrupted(finished, tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", TRAIN_SLOWLY, str(tmp_path)])
+    while not (tmp_path / "metrics.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert 0 < load(tmp_path / "checkpoint.pt")["trainer"]["frames"] < SETTINGS.frames
+    train(request(tmp_path, resume=True))
+    for name in ("checkpoint.pt", "best.pt"):
+        assert same(load(finished / name), load(tmp_path / name))
+
+
+def test_leaves_a_table_a_picture_and_the_best_policy(finished):
+    with (finished / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["frames"]) for row in rows] == list(range(48, SETTINGS.frames + 1, 48))
+    scores = [float(row["score"]) for row in rows if row["score"]]
+    assert len(scores) == 2
+    assert (finished / "curve.png").read_bytes().startswith(b"\x89PNG")
+    network, facts = load_policy(finished)
+    assert facts.score == max(scores)
+    assert facts.frames == max(int(row["frames"]) for row in rows if row["score"] == str(facts.score))
+    assert (facts.scenario, facts.algorithm, network.observation_dim) == ("navigation", "mafpo-chain", 18)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"algorithm": "mafpo"}, "algorithm mafpo-chain, not mafpo"),
+        ({"seed": 7}, "seed 0, not 7"),
+        ({"frames": 96}, "frames 288, not 96"),
+    ],
+)
+def test_checkpoint_of_another_run_is_refused(finished, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        TrainingRun(request(finished, resume=True, **changes), Workers(), SETTINGS)
+
+
+def test_checkpoint_of_another_shape_is_refused(finished, tmp_path):
+    state = load(finished / "checkpoint.pt")
+    state["identity"]["observation_dim"] = 24
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(ConfigError, match="observation_dim 24, not 18"):
+        TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
+
+
+def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
+    with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
+        check_directory(request(finished))
+    with pytest.raises(ConfigError, match="start it without --resume"):
+        check_directory(request(tmp_path, resume=True))
+    check_directory(request(tmp_path))
+
+
+def test_work_that_cannot_be_shared_equally_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="--workers 3 does not divide 16 environments"):
+        TrainingRun(request(tmp_path), Workers(count=3), SETTINGS)
+
+
+def test_the_seed_decides_everything(finished, tmp_path):
+    train(request(tmp_path))
+    assert same(load(finished / "checkpoint.pt"), load(tmp_path / "checkpoint.pt"))
