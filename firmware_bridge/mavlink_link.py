@@ -185,7 +185,7 @@ class MavlinkLink:
     def enable_sequence(self) -> Steps:
         """Take command, then arm; both count once a heartbeat shows them."""
         end_s = self._now() + ENABLING_S
-        yield from self._until(lambda: self._fresh(self._now()), end_s, "send its position")
+        yield from self._until(lambda: self._fresh(self._now()), end_s, "answer TIMESYNC and send its position")
         self._vehicle.expect_taking()
         streaming_s = self._now() + self._profile.prestream_s
         while self._now() < streaming_s:
@@ -297,10 +297,13 @@ class MavlinkLink:
 
     def _await(self, settled: Callable[[], bool], longest_s: float, ask: Callable[[], None]) -> None:
         """Block until something is known or time is up; asks every 0.2 s. Only for ``open``."""
-        end_s = self._now() + longest_s
-        while not settled() and self._now() < end_s:
-            ask()
-            select.select(self.filenos(), (), (), 2 * STEP_S)
+        ask_s = self._now()
+        end_s = ask_s + longest_s
+        while not settled() and (now_s := self._now()) < end_s:
+            if now_s >= ask_s:
+                ask()
+                ask_s = now_s + 2 * STEP_S
+            select.select(self.filenos(), (), (), max(ask_s - self._now(), 0.0))
             self.receive(self._now())
 
     def _silence(self) -> str:
