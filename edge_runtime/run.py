@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -124,7 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         flags = make_parser(tuple(BRIDGES)).parse_args(arguments)
         mission = make_mission(flags)
-        report_file = _open_report(flags.json) if flags.json else None
+        if flags.json:
+            _check_writable(flags.json)
     except EdgeError as error:
         print(f"edge-run: {error}", file=sys.stderr)
         return 2
@@ -134,15 +135,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EdgeError as error:
         print(f"edge-run: {error}", file=sys.stderr)
         return 1
-    if report_file:
-        with report_file:
-            report_file.write(msgspec.json.format(msgspec.json.encode(report)).decode() + "\n")
+    if flags.json:
+        flags.json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     return 0
 
 
-def _open_report(path: Path) -> TextIO:
+def _check_writable(path: Path) -> None:
     try:
-        return path.open("w", encoding="utf-8")
+        path.open("ab").close()
     except OSError as error:
         raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from error
 

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
-import vmas
 from bundles import MANIFEST
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -52,6 +50,7 @@ def scenes():
 @pytest.fixture(scope="module")
 def reference(scenes):
     """VMAS's observations (N, B, 18) in double precision, for a grazing ray magnifies rounding."""
+    torch, vmas = pytest.importorskip("torch"), pytest.importorskip("vmas")
     position, velocity, goal = (torch.from_numpy(array) for array in scenes)
     env = vmas.make_env("navigation", num_envs=TEAMS, device="cpu", seed=0, n_agents=ROBOTS)
     for i, agent in enumerate(env.agents):

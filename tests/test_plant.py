@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
-import vmas
 from bundles import MANIFEST
 
 from firmware_bridge.plant import Plant, contact_forces
@@ -14,6 +12,7 @@ RADIUS_M = MANIFEST.body.radius_m
 @pytest.mark.parametrize("robots", [1, 2, 4])
 def test_every_step_is_vmas(robots):
     """Teams start partly overlapping and push towards each other: each step from VMAS's own state."""
+    torch, vmas = pytest.importorskip("torch"), pytest.importorskip("vmas")
     teams, draw = 64, np.random.default_rng(robots)
     env = vmas.make_env(
         "navigation", num_envs=teams, device="cpu", seed=0, n_agents=robots, clamp_actions=True

@@ -1,0 +1,82 @@
+"""What a person reads: verdicts, colour only where it belongs."""
+
+import io
+
+import pytest
+from msgspec.structs import replace
+
+from edge_runtime.console import summary, use_colour
+from edge_runtime.rate import Percentiles
+from edge_runtime.report import RobotReport, RunReport
+
+SPAN = Percentiles(500.0, 900.0, 950.0, 1000.0)
+REPORT = RunReport(
+    robot_id=1,
+    policy="navigation",
+    backend="numpy",
+    bridge="sim",
+    dry_run=False,
+    objectives=("speed_limit", "safety_margin"),
+    guidance_mode="cone",
+    ticks=99,
+    rate_hz=9.9,
+    nominal_rate_hz=10.0,
+    deadline_misses=1,
+    longest_miss_burst=1,
+    anytime_ticks=2,
+    faults={"the observation is not finite": 3},
+    tick_us=SPAN,
+    stage_us={"read": SPAN},
+    goal_reached=True,
+    team_goals_reached=False,
+    min_separation_m=0.24,
+    safety_margin_m=0.25,
+    max_speed_m_s=0.29,
+    speed_limit_m_s=0.3,
+    robots=(RobotReport(1, 0.05, True, 0.24, 0.29), RobotReport(2, None, False, None, 0.0)),
+    stop_reason="duration",
+)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def line(report, name, colour=False):
+    (found,) = [row for row in summary(report, colour=colour).splitlines() if row.startswith(f"  {name}")]
+    return found.removeprefix(f"  {name}").strip()
+
+
+def test_every_fact_has_its_line():
+    assert summary(REPORT, colour=False).startswith("robot 1, policy navigation (numpy), bridge sim\n")
+    assert line(REPORT, "goals") == "1 of 2 reached: robot 1 0.050 m, robot 2 never seen"
+    assert line(REPORT, "separation") == "0.240 m at least, margin 0.25 m violated"
+    assert line(REPORT, "speed") == "0.290 m/s at most, limit 0.3 m/s kept"
+    assert line(REPORT, "rate") == "9.90 Hz of 10 Hz, 1 of 100 deadlines missed, 2 samples cut short"
+    assert line(REPORT, "tick") == "p50 0.50 ms, p99 0.90 ms, max 1.00 ms (p50: read 0.50)"
+    assert line(REPORT, "faults") == "the observation is not finite: 3 ticks"
+
+
+def test_what_is_not_there_is_said():
+    lone = replace(
+        REPORT, min_separation_m=None, speed_limit_m_s=None, objectives=(), faults={}, dry_run=True
+    )
+    assert line(lone, "separation") == "no other robot was seen"
+    assert line(lone, "speed") == "0.290 m/s at most"
+    assert line(lone, "objectives") == "none, the flow is unguided"
+    assert line(lone, "faults") == "none"
+    assert line(lone, "stopped") == "duration, dry run: nothing was commanded"
+
+
+@pytest.mark.parametrize("name, code", [("separation", "\x1b[31m"), ("speed", "\x1b[32m")])
+def test_verdicts_are_coloured(name, code):
+    assert code in line(REPORT, name, colour=True)
+
+
+def test_colour_belongs_to_terminals_that_want_it(monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert use_colour(Terminal())
+    assert not use_colour(io.StringIO())
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert not use_colour(Terminal())
