@@ -65,7 +65,7 @@ class Guard:
         self._steps: Steps = iter(())
         self._step_due_s = math.inf
         self._stop_until_s = math.inf
-        self._keepalive_due_s = -math.inf
+        self._keepalive_due_s = math.inf if math.isinf(link.keepalive_period_s) else -math.inf
         self._forwarded = self._refused = self._withheld = self._recovered = 0
 
     @property

@@ -1,0 +1,90 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.messages import RobotState
+from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard_wire import (
+    PACKET_BYTES,
+    Counts,
+    Event,
+    Phase,
+    Report,
+    StopRequest,
+    WireError,
+    decode_answer,
+    decode_request,
+    encode_command,
+    encode_event,
+    encode_report,
+    encode_stop,
+)
+
+numbers = st.floats(allow_nan=False)
+pairs = st.tuples(numbers, numbers)
+counts = st.builds(Counts, *[st.integers(0, 2**64 - 1)] * 5)
+states = st.builds(RobotState, st.integers(0, 2**64 - 1), numbers, pairs, pairs, numbers)
+
+
+@given(st.builds(Setpoint, st.integers(0, 2**64 - 1), numbers, pairs, pairs))
+def test_commands_come_back(setpoint):
+    assert decode_request(encode_command(setpoint)) == setpoint
+
+
+@given(st.builds(Report, st.sampled_from(Phase), counts, st.none() | states))
+def test_reports_come_back(report):
+    packet = encode_report(report, 1.0)
+    assert len(packet) <= PACKET_BYTES
+    assert decode_answer(packet) == report
+
+
+@given(st.sampled_from(Phase), st.text(st.characters(min_codepoint=1, max_codepoint=127), max_size=240))
+def test_events_come_back(phase, text):
+    assert decode_answer(encode_event(Event(phase, text), 1.0)) == Event(phase, text)
+
+
+def test_stops_come_back():
+    assert decode_request(encode_stop("enough", 1.0)) == StopRequest("enough")
+
+
+def test_long_texts_are_cut_even_inside_a_letter():
+    request = decode_request(encode_stop("a" * 95 + "ü", 1.0))
+    assert request.reason.startswith("a" * 95)
+
+
+def test_nan_survives_so_that_the_guard_can_refuse_it():
+    packet = encode_command(Setpoint(0, 0.0, (math.nan, 0.0), (0.0, 0.0)))
+    assert math.isnan(decode_request(packet).action[0])
+
+
+@given(st.binary(max_size=300))
+def test_junk_is_refused_by_both_sides(packet):
+    for decode in (decode_request, decode_answer):
+        with pytest.raises(WireError):
+            decode(packet)
+
+
+@given(st.binary(max_size=300))
+def test_junk_behind_a_right_header_never_crashes(body):
+    for kind in range(6):
+        for decode in (decode_request, decode_answer):
+            try:
+                decode(bytes([0x61, 0xCF, kind]) + body)
+            except WireError:
+                continue
+
+
+def test_each_side_refuses_the_other_sides_frames():
+    with pytest.raises(WireError, match="kind 4"):
+        decode_request(encode_event(Event(Phase.DRIVING, ""), 0.0))
+    with pytest.raises(WireError, match="kind 2"):
+        decode_answer(encode_stop("", 0.0))
+
+
+def test_unknown_phases_are_refused():
+    packet = bytearray(encode_event(Event(Phase.DRIVING, ""), 0.0))
+    packet[20] = 99
+    with pytest.raises(WireError, match="phase 99"):
+        decode_answer(bytes(packet))
