@@ -42,9 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--mavlink-point-ahead",
         type=float,
-        default=0.0,
+        default=0.2,
         metavar="M",
-        help="rover: steer and report a point this far ahead of the axle; 0 refuses sideways velocities",
+        help="rover: the point that is steered and reported lies this far ahead of the axle (default: 0.2); "
+        "0 refuses sideways velocities",
     )
     add("--mavlink-signing-key", default="", metavar="FILE", help="32 bytes, raw or hexadecimal, mode 600")
     add("--mavlink-require-signing", action="store_true", help="do not start without a signing key")

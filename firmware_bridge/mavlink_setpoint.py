@@ -75,9 +75,14 @@ class Follower:
         reached = clamp(self._step(action, velocity), self._limits.speed_m_s)
         dt_s = self._dynamics.dt_s
         acceleration = ((reached[0] - velocity[0]) / dt_s, (reached[1] - velocity[1]) / dt_s)
-        largest = math.sqrt(2.0) * self._limits.action / self._dynamics.mass_kg
-        wire = swap_enu_ned(clamp(acceleration, largest))
+        wire = swap_enu_ned(clamp(acceleration, self._largest_acceleration()))
         return Target(LOCAL_NED, ACCELERATION_ONLY, acceleration_m_s2=wire)
+
+    def _largest_acceleration(self) -> float:
+        """Of the largest action at the largest speed; a robot faster than that is not slowed down harder."""
+        drag = (1.0 - self._preview.velocity_decay) * self._limits.speed_m_s
+        push = math.sqrt(2.0) * self._preview.velocity_gain * self._limits.action
+        return (drag + push) / self._dynamics.dt_s
 
     def _integrate(self, action: Vector2, measured: Vector2) -> Vector2:
         x, y = self._step(action, measured if self._velocity is None else self._velocity)

@@ -28,7 +28,7 @@ from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict
 
 KEY = bytes(range(32))
 FUZZ_CASES = int(os.environ.get("MAVLINK_FUZZ_CASES", "300"))
-"""A million for a release: MAVLINK_FUZZ_CASES=1000000 python -m pytest tests/test_mavlink_codec.py -k fuzz."""
+"""A million: MAVLINK_FUZZ_CASES=1000000 python -m pytest tests/test_mavlink_codec.py -k fuzz."""
 
 
 def odometry(frame_id=1, child_frame_id=12, x=1.0, yaw_rate=0.5, q=(1.0, 0.0, 0.0, 0.0)):
@@ -169,7 +169,7 @@ class TestCutting:
         assert decoder.tally.damaged >= 1
 
     def test_an_unknown_incompatibility_flag_is_damage(self):
-        """The guide: a frame with a flag that is not understood must be refused, even with a good checksum."""
+        """The guide: a frame with a flag that is not understood must be refused, checksum or not."""
         frame = bytearray(vehicle_frame(local_position()))
         frame[2] |= 0x02
         crc = common.x25crc(frame[1:-2])

@@ -101,7 +101,7 @@ class TestTimestamps:
 
     def test_promises_are_synced_before_they_replace_the_old_ones(self, tmp_path, wall, monkeypatch):
         calls = []
-        monkeypatch.setattr(os, "fsync", lambda descriptor: calls.append("fsync"))
+        monkeypatch.setattr(os, "fsync", lambda _: calls.append("fsync"))
         replace = mavlink_signing.Path.replace
         monkeypatch.setattr(
             mavlink_signing.Path, "replace", lambda self, to: (calls.append("replace"), replace(self, to))[1]
