@@ -1,5 +1,6 @@
 """edge-run: drives one robot of a team by a guided flow policy."""
 
+import contextlib
 import gc
 import importlib
 import math
@@ -8,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -76,26 +77,30 @@ def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable
 
 
 def run(
-    mission: Mission, bridge_name: str, duration_s: float, signals: StopSignals, *, dry_run: bool
+    mission: Mission,
+    bridge: "Bridge",
+    fleet: FleetLink,
+    signals: StopSignals,
+    duration_s: float,
+    *,
+    dry_run: bool,
 ) -> RunReport:
     """Drive the mission's robot until all goals are held, the duration is over or a signal comes.
 
     Raises:
-        BridgeError: if the link to the robot cannot be opened or fails.
+        BridgeError: if the link to the robot fails.
     """
-    bridge = importlib.import_module(BRIDGES[bridge_name]).open_bridge(mission)
     session = _prepare(mission, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
-    def ending() -> str:
-        over = "duration" if grid.next_s >= duration_s else ""
-        return signals.reason or ("goals held" if monitor.all_hold else over)
+    def over() -> str:
+        duration = "duration" if grid.next_s >= duration_s else ""
+        return signals.reason or ("goals held" if monitor.all_hold else duration)
 
     gc.collect()
     gc.freeze()
-    with bridge:
-        reason = drive(session, bridge, bridge, ending)
-        bridge.stop(reason)
+    reason = drive(session, bridge, fleet, over)
+    bridge.stop(reason)
     report = make_report(
         mission,
         monitor,
@@ -122,22 +127,31 @@ def _prepare(mission: Mission, *, dry_run: bool) -> Session:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-run``; returns the exit code."""
     try:
-        flags = make_parser(tuple(BRIDGES)).parse_args(arguments)
-        mission = make_mission(flags)
-        if flags.json:
-            _check_writable(flags.json)
+        with contextlib.ExitStack() as stack:
+            try:
+                flags = make_parser(tuple(BRIDGES)).parse_args(arguments)
+                mission = make_mission(flags)
+                if flags.json:
+                    _check_writable(flags.json)
+                signals = stack.enter_context(StopSignals())
+                bridge = stack.enter_context(_bridge(flags.bridge, mission))
+            except EdgeError as error:
+                return _complain(error, 2)
+            report = run(mission, bridge, bridge, signals, flags.duration, dry_run=flags.dry_run)
     except EdgeError as error:
-        print(f"edge-run: {error}", file=sys.stderr)
-        return 2
-    try:
-        with StopSignals() as signals:
-            report = run(mission, flags.bridge, flags.duration, signals, dry_run=flags.dry_run)
-    except EdgeError as error:
-        print(f"edge-run: {error}", file=sys.stderr)
-        return 1
+        return _complain(error, 1)
     if flags.json:
         flags.json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     return 0
+
+
+def _bridge(name: str, mission: Mission) -> Any:  # noqa: ANN401  # a Bridge that is a FleetLink as well
+    return importlib.import_module(BRIDGES[name]).open_bridge(mission)
+
+
+def _complain(error: EdgeError, code: int) -> int:
+    print(f"edge-run: {error}", file=sys.stderr)
+    return code
 
 
 def _check_writable(path: Path) -> None:

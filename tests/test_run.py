@@ -133,7 +133,7 @@ def test_the_process_stays_small(bundle):
     ],
 )
 def test_bad_input_is_one_line_and_nothing_starts(bundle, capsys, monkeypatch, flags, expected):
-    monkeypatch.setattr(run, "run", lambda *_: pytest.fail("started"))
+    monkeypatch.setattr(run, "run", lambda *_, **__: pytest.fail("started"))
     policy = [] if "--policy" in flags else ["--policy", str(bundle)]
     assert run.main([*flags, *policy]) == 2
     out, err = capsys.readouterr()
@@ -162,10 +162,13 @@ class ScriptedBridge:
 
     name = "scripted"
 
-    def __init__(self, script):
+    def __init__(self, script, shut=False):
+        self.shut = shut
         self.script, self.written, self.stops = iter(script), [], []
 
     def __enter__(self):
+        if self.shut:
+            raise BridgeError("no such bus")
         return self
 
     def __exit__(self, *_):
@@ -202,8 +205,8 @@ def drive(bundle, monkeypatch, tmp_path):
     # Time that passes only by sleeping: no tick is ever missed, whatever the machine does meanwhile.
     monkeypatch.setattr(run, "DeadlineGrid", lambda period: DeadlineGrid(period, lambda: now[0], sleep))
 
-    def run_script(script, *flags):
-        bridge = ScriptedBridge(script)
+    def run_script(script, *flags, shut=False):
+        bridge = ScriptedBridge(script, shut)
         module = types.SimpleNamespace(open_bridge=lambda _: bridge)
         monkeypatch.setitem(sys.modules, "scripted_bridge", module)
         monkeypatch.setitem(run.BRIDGES, "sim", "scripted_bridge")
@@ -269,6 +272,12 @@ def test_a_link_that_fails_ends_the_run_stopped(drive, capsys):
     code, bridge, _ = drive([state(), BridgeError("the bus is gone"), state()])
     assert (code, bridge.stops) == (1, ["closed"])
     assert capsys.readouterr().err == "edge-run: the bus is gone\n"
+
+
+def test_a_link_that_does_not_open_starts_nothing(drive, capsys):
+    code, bridge, _ = drive([state()], shut=True)
+    assert (code, bridge.written, bridge.stops) == (2, [], [])
+    assert capsys.readouterr().err == "edge-run: no such bus\n"
 
 
 def test_an_objective_that_raises_leaves_the_robot_stopped(drive, tmp_path):
