@@ -39,10 +39,11 @@ class LiveLine:
         monitor = self._monitor
         own = monitor.robots[self._robot_id]
         reached = sum(map(monitor.reached, monitor.robots))
+        # Under 80 columns, or a terminal would wrap the line and leave its head behind.
         return (
-            f"{self._grid.next_s:5.1f} s  robot {self._robot_id}: {own.goal_distance_m:.2f} m to its goal, "
-            f"nearest {own.min_separation_m:.2f} m, fastest {own.max_speed_m_s:.2f} m/s; "
-            f"{reached} of {len(monitor.robots)} at their goals, {self._grid.misses} deadlines missed"
+            f"{self._grid.next_s:5.1f} s  robot {self._robot_id}: goal {own.goal_distance_m:.2f} m, "
+            f"nearest {own.min_separation_m:.2f} m; "
+            f"{reached} of {len(monitor.robots)} there, {self._grid.misses} missed"
         )
 
     def _write(self, text: str) -> None:
