@@ -22,7 +22,7 @@ class LiveLine:
         self._stream, self._robot_id, self._monitor, self._grid = stream, robot_id, monitor, grid
         self._terminal = stream.isatty()
         self._interval_s = TERMINAL_INTERVAL_S if self._terminal else PLAIN_INTERVAL_S
-        self._due_s = 0.0
+        self._due_s = time.monotonic()
 
     def refresh(self) -> None:
         """Show the newest status, if it is time to."""
