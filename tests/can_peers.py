@@ -26,7 +26,7 @@ def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> G
 
 
 class Chassis:
-    """An AgileX chassis, protocol 2, after its manual: reports every 20 ms, obeys 0x421, records all commands."""
+    """An AgileX chassis, protocol 2, after its manual: reports every 20 ms, obeys 0x421, records commands."""
 
     def __init__(self, address: str, control_mode: int = 0) -> None:
         channel, _, port = address.removeprefix("udp_multicast:").partition("?port=")

@@ -2,6 +2,8 @@
 
 import math
 
+import msgspec
+
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard_link import Condition, Health, Limits, Setpoint
@@ -9,7 +11,13 @@ from firmware_bridge.guard_spec import GuardSpec
 
 
 def spec(**changes) -> GuardSpec:
-    values = {"link": "can", "robot_id": 1, "deadline_s": 0.06, "limits": Limits(1.0, 2.0), "options": b"{}"}
+    values = {
+        "link": "can",
+        "robot_id": 1,
+        "deadline_s": 0.06,
+        "limits": Limits(1.0, 2.0),
+        "options": msgspec.Raw(b"{}"),
+    }
     return GuardSpec(**{**values, "arm": True, **changes})
 
 

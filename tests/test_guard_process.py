@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 
 import pytest
+from can_peers import Chassis, guard_spec, start_runtime
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
 from firmware_bridge.guard_wire import Phase
 from firmware_bridge.guarded_bridge import GuardedBridge
-from can_peers import Chassis, guard_spec, start_runtime
 
 ZERO = bytes(8)
 HALF = bytes.fromhex("01f4000000000000")  # 500 mm/s
