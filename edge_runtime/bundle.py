@@ -11,11 +11,12 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.errors import BundleError
+from edge_runtime.backend import Backend, make_policy
+from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.manifest import Manifest
 from edge_runtime.manifest_rules import GRAPH_FILE, WEIGHTS_FILE, check_manifest
 from edge_runtime.onnx_policy import OnnxPolicy
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy import FlowPolicy, VelocityField
 from edge_runtime.weight_file import unpack_weights
 from edge_runtime.weights import FlowWeights
 
@@ -34,7 +35,7 @@ class Bundle:
     directory: Path
 
     def policy(self, batch: int = 1, euler_steps: int | None = None) -> FlowPolicy | OnnxPolicy:
-        """Prepare the policy for ``batch`` observations at once.
+        """Prepare the reference for ``batch`` observations at once: what parity is judged by.
 
         Args:
             batch: B, the number of observations computed together.
@@ -46,6 +47,19 @@ class Bundle:
         if self.weights is None:
             return self.graph_policy(batch, euler_steps)
         return FlowPolicy(self.weights, self._steps(euler_steps), batch)
+
+    def field(self, backend: Backend = "auto") -> VelocityField:
+        """Prepare the policy of a control loop on the backend asked for.
+
+        Raises:
+            PolicyError: as `make_policy`, or if a backend is asked for and only onnxruntime can run the
+                policy.
+        """
+        if self.weights is not None:
+            return make_policy(self.weights, self.manifest.euler_steps, backend=backend)
+        if backend != "auto":
+            raise PolicyError(f"{self.directory}: this policy runs in onnxruntime only, not in {backend}")
+        return self.policy()
 
     def graph_policy(self, batch: int = 1, euler_steps: int | None = None) -> OnnxPolicy:
         """Prepare the policy's graph for onnxruntime, whatever runtime the manifest prefers; as `policy`."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
+from edge_runtime.backend import BACKENDS
 from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, RATE_HZ, Fleet, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
@@ -92,6 +93,12 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         action="store_true",
         help="let the flow alone; the report still judges the objectives",
     )
+    add(
+        "--backend",
+        choices=BACKENDS,
+        default="auto",
+        help="what computes the policy (default: auto, the compiled kernel where it works, else numpy)",
+    )
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(
         "--seed",
@@ -114,7 +121,16 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet)
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
-    return Mission(flags.robot_id, fleet, bundle, steering, rate_hz, flags.seed, guided=not flags.no_guidance)
+    return Mission(
+        flags.robot_id,
+        fleet,
+        bundle,
+        steering,
+        rate_hz,
+        flags.seed,
+        guided=not flags.no_guidance,
+        backend=flags.backend,
+    )
 
 
 def _fleet_bundle(fleet: Fleet) -> Bundle:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.dynamics import Dynamics
+from edge_runtime.kernel import MAX_TERMS, CompiledPolicy, encodable, encode
 from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
@@ -62,6 +63,9 @@ class Guide:
         self.objectives = tuple(active)
         self.previews = tuple(dynamics.preview(objective.look_ahead) for objective in active)
         self.factors = tuple(settings.scale * objective.weight for objective in active)
+        self.mode = settings.mode
+        self.native = len(active) <= MAX_TERMS and all(map(encodable, active))
+        """Whether the compiled kernel can run the whole flow."""
         self.combine = PLANAR[settings.mode]
         self.combine_batch = BATCH[settings.mode]
 
@@ -105,6 +109,8 @@ def guided_action(
     if not math.isfinite(observation.sum()):
         return _refused(0, "the observation is not finite")
     policy.observe(observation)
+    if guide.native and isinstance(policy, CompiledPolicy):
+        return _guided_action_compiled(policy, team, guide, start, deadline_s)
     bound = [
         (objective.evaluate, look_ahead(team, preview), preview.position_gain, preview.velocity_gain, factor)
         for objective, preview, factor in zip(guide.objectives, guide.previews, guide.factors, strict=True)
@@ -143,6 +149,22 @@ def guided_action(
     if not math.isfinite(ax + ay):
         return _refused(k + 1, "the policy's velocity is not finite")
     return GuidedAction((ax, ay), k + 1, tuple(costs), projections)
+
+
+def _guided_action_compiled(
+    policy: CompiledPolicy, team: TeamState, guide: Guide, start: Vector2, deadline_s: float
+) -> GuidedAction:
+    """The loop of `guided_action` in the compiled kernel; the observation is set already."""
+    terms = [
+        encode(objective, look_ahead(team, preview), factor)
+        for objective, preview, factor in zip(guide.objectives, guide.previews, guide.factors, strict=True)
+    ]
+    sample = policy.sample(guide.mode, terms, start, deadline_s - time.monotonic())
+    if sample.fault >= 0:
+        return _refused(sample.steps, f"the gradient of {guide.objectives[sample.fault].name} is not finite")
+    if not math.isfinite(sum(sample.action)):
+        return _refused(sample.steps, "the policy's velocity is not finite")
+    return GuidedAction(sample.action, sample.steps, sample.costs, sample.projections)
 
 
 def _refused(steps: int, fault: str) -> GuidedAction:

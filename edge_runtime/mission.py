@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from edge_runtime.backend import Backend
 from edge_runtime.bundle import Bundle
 from edge_runtime.config import Fleet, Robot, Steering
 from edge_runtime.controller import Controller
@@ -30,6 +31,8 @@ class Mission:
     seed: int = 0
     guided: bool = True
     """False leaves the flow alone; reports still say what the objectives would have wanted."""
+    backend: Backend = "auto"
+    """What computes the policy."""
 
     def __post_init__(self) -> None:
         self.fleet.robot(self.robot_id)
@@ -47,8 +50,12 @@ class Mission:
         return 1.0 / self.rate_hz
 
     def controllers(self) -> dict[int, Controller]:
-        """One controller for every robot of the fleet; they share one policy and must take turns."""
-        policy = self.bundle.policy()
+        """One controller for every robot of the fleet; they share one policy and must take turns.
+
+        Raises:
+            PolicyError: if the backend cannot run the bundle's policy.
+        """
+        policy = self.bundle.field(self.backend)
         # Objectives look ahead in the policy's own control steps, whatever the rate it is run at.
         guidance = self.steering.guidance
         guide = Guide(guidance, self.objectives, self.bundle.manifest.dynamics)

@@ -1,10 +1,14 @@
 """Fixtures that several modules' tests share."""
 
 import itertools
+import shutil
+from functools import partial
 
 import numpy as np
 import pytest
 
+from edge_runtime.errors import PolicyError
+from edge_runtime.kernel import CompiledPolicy, load_kernel
 from edge_runtime.policy import FlowPolicy
 from edge_runtime.weights import FlowWeights
 
@@ -38,6 +42,19 @@ def weights() -> FlowWeights:
     return random_weights()
 
 
-@pytest.fixture(scope="session")
-def make_backend():
-    return FlowPolicy
+def _engines():
+    try:
+        return load_kernel().engines()
+    except PolicyError:
+        return []
+
+
+@pytest.fixture(scope="session", params=["numpy", *(_engines() or ["compiled"])])
+def make_backend(request):
+    """Makes a policy on every backend of this machine: numpy, and each instruction set of the kernel."""
+    if request.param == "numpy":
+        return FlowPolicy
+    if not _engines():
+        assert shutil.which("cc") is None, "a compiler is here, but the kernel was not built or does not load"
+        pytest.skip("no C compiler, so no compiled kernel")
+    return partial(CompiledPolicy, engine=request.param)

@@ -4,14 +4,15 @@ from functools import partial
 
 import numpy as np
 import pytest
-import torch
 from conftest import random_weights
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch_oracle import velocity
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy import FlowPolicy
+
+torch = pytest.importorskip("torch")
+from torch_oracle import velocity  # noqa: E402
 
 WIDTHS = [(1,), (5, 3), (16, 16), (64, 48), (256, 256, 256)]
 

@@ -61,7 +61,8 @@ def test_a_run_ends_when_all_goals_are_held(command, tmp_path):
     assert report["max_speed_m_s"] <= report["speed_limit_m_s"] == 0.3
     assert report["min_separation_m"] >= report["safety_margin_m"] == 0.25
     assert report["objectives"] == ["speed_limit", "safety_margin"]
-    assert (report["robot_id"], report["bridge"], report["backend"]) == (0, "sim", "numpy")
+    assert (report["robot_id"], report["bridge"]) == (0, "sim")
+    assert report["backend"] in ("numpy", "compiled")
     assert list(report["stage_us"]) == ["wake", "read", "observe", "act", "limit", "write"]
     for stage in [report["tick_us"], *report["stage_us"].values()]:
         assert 0.0 <= stage["p50"] <= stage["p99"] <= stage["p99_9"] <= stage["max"] * (1 + 1e-6)

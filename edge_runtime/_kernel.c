@@ -1,0 +1,327 @@
+/* The compiled kernel: one flow network, its pass chosen for this processor at load.
+ *
+ * Portable: GCC's and Clang's vector types, compiled for several instruction sets side by side, so that a
+ * wheel built anywhere runs as fast as one built on the robot. The interpreter's lock is kept during a
+ * pass: giving it up for a tenth of a millisecond can cost 5 ms to get back.
+ */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "_kernel_guidance.h"
+#include "_kernel_network.h"
+
+#if defined(__x86_64__)
+#define NAME(x) x##_avx512
+#define TARGET __attribute__((target("avx512f,avx2,fma")))
+#define LANES 16
+#define ROWS 6
+#define UNROLL _Pragma("GCC unroll 2")
+#define ENGINE_NAME "avx512"
+#include "_kernel_pass.h"
+
+#define NAME(x) x##_avx2
+#define TARGET __attribute__((target("avx2,fma")))
+#define LANES 8
+#define ROWS 3
+#define UNROLL _Pragma("GCC unroll 1")
+#define ENGINE_NAME "avx2"
+#include "_kernel_pass.h"
+#endif
+
+/* What every compiler of the platform targets: SSE2 on x86-64, NEON with 32 registers on aarch64. */
+#define NAME(x) x##_baseline
+#define TARGET
+#define LANES 4
+#if defined(__aarch64__)
+#define ROWS 6
+#define UNROLL _Pragma("GCC unroll 2")
+#define ENGINE_NAME "neon"
+#else
+#define ROWS 3
+#define UNROLL _Pragma("GCC unroll 1")
+#define ENGINE_NAME "baseline"
+#endif
+#include "_kernel_pass.h"
+
+/* The engines that this processor can run, fastest first, ended by NULL. */
+static const Engine *const *engines(void)
+{
+    static const Engine *usable[4];
+    int count = 0;
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("fma"))
+        usable[count++] = &engine_avx512;
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        usable[count++] = &engine_avx2;
+#endif
+    usable[count++] = &engine_baseline;
+    usable[count] = NULL;
+    return usable;
+}
+
+typedef struct {
+    PyObject_HEAD
+    Network net;
+} NetworkObject;
+
+/* A view of an array's numbers; false with an exception set unless it has that format and size. */
+static bool view(PyObject *array, const char *format, Py_ssize_t count, const char *name, Py_buffer *buffer)
+{
+    if (PyObject_GetBuffer(array, buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
+        return false;
+    if (strcmp(buffer->format, format) == 0 && buffer->len == count * buffer->itemsize)
+        return true;
+    PyErr_Format(PyExc_ValueError, "%s must be %zd contiguous numbers of format %s, got %zd of format %s", name, count,
+                 format, buffer->len / buffer->itemsize, buffer->format);
+    PyBuffer_Release(buffer);
+    return false;
+}
+
+static float *zeros(size_t count)
+{
+    const size_t size = (count * sizeof(float) + 63) / 64 * 64;
+    float *memory = aligned_alloc(64, size);
+    if (memory == NULL)
+        PyErr_NoMemory();
+    else
+        memset(memory, 0, size);
+    return memory;
+}
+
+/* Copies an array (rows, columns) into blocks of columns one after the other, the last one padded with zeros.
+ * With a block as wide as the padded columns the rows stay whole. */
+static float *load(PyObject *array, int rows, int columns, int block, const char *name)
+{
+    Py_buffer buffer;
+    if (!view(array, "f", (Py_ssize_t)rows * columns, name, &buffer))
+        return NULL;
+    float *blocks = zeros((size_t)rows * ((columns + block - 1) / block * block));
+    for (int row = 0; blocks != NULL && row < rows; row++)
+        for (int j = 0; j < columns; j++)
+            blocks[((size_t)(j / block) * rows + row) * block + j % block] = ((float *)buffer.buf)[(size_t)row * columns + j];
+    PyBuffer_Release(&buffer);
+    return blocks;
+}
+
+static bool set_widths(Network *net, PyObject *widths)
+{
+    net->layers = (int)PyTuple_GET_SIZE(widths);
+    if (net->layers < 1 || net->layers > MAX_LAYERS) {
+        PyErr_Format(PyExc_ValueError, "the kernel takes 1 to %d hidden layers, got %d", MAX_LAYERS, net->layers);
+        return false;
+    }
+    for (int l = 0; l < net->layers; l++) {
+        Layer *layer = &net->layer[l];
+        const int block = net->engine->block;
+        layer->width = (int)PyLong_AsLong(PyTuple_GET_ITEM(widths, l));
+        layer->padded = (layer->width + block - 1) / block * block;
+        net->stride = layer->padded > net->stride ? layer->padded : net->stride;
+    }
+    return !PyErr_Occurred();
+}
+
+static const Engine *find_engine(const char *name)
+{
+    for (const Engine *const *engine = engines(); *engine != NULL; engine++)
+        if (strcmp((*engine)->name, name) == 0)
+            return *engine;
+    PyErr_Format(PyExc_ValueError, "this processor has no engine %s", name);
+    return NULL;
+}
+
+static bool load_weights(Network *net, PyObject *arrays)
+{
+    PyObject *action, *observation, *time_parts, *prior_gain, *matrices, *biases, *output, *output_bias;
+    if (!PyArg_ParseTuple(arrays, "OOOOO!O!OO", &action, &observation, &time_parts, &prior_gain, &PyTuple_Type,
+                          &matrices, &PyTuple_Type, &biases, &output, &output_bias))
+        return false;
+    if (PyTuple_GET_SIZE(matrices) != net->layers - 1 || PyTuple_GET_SIZE(biases) != net->layers - 1) {
+        PyErr_SetString(PyExc_ValueError, "every hidden layer but the first needs a matrix and a bias");
+        return false;
+    }
+    const int d = net->action_dim, block = net->engine->block;
+    Layer *first = &net->layer[0], *last = &net->layer[net->layers - 1];
+    first->matrix = load(observation, net->observation_dim, first->width, first->padded, "observation");
+    net->action_rows = load(action, d, first->width, first->padded, "action");
+    net->time_parts = load(time_parts, net->euler_steps, first->width, first->padded, "time_parts");
+    net->prior_gain = load(prior_gain, 1, net->euler_steps, net->euler_steps, "prior_gain");
+    for (Layer *layer = first + 1; layer <= last && !PyErr_Occurred(); layer++) {
+        const Py_ssize_t index = layer - first - 1;
+        layer->matrix = load(PyTuple_GET_ITEM(matrices, index), layer[-1].width, layer->width, block, "a matrix");
+        layer->bias = load(PyTuple_GET_ITEM(biases, index), 1, layer->width, layer->padded, "a bias");
+    }
+    net->output = load(output, d, last->width, last->padded, "output");
+    net->output_bias = load(output_bias, 1, d, d, "output_bias");
+    return !PyErr_Occurred();
+}
+
+static bool allocate_buffers(Network *net)
+{
+    const size_t rows = (size_t)net->batch * (1 + net->action_dim);
+    net->observed = zeros((size_t)net->batch * net->layer[0].padded);
+    net->before = zeros(rows * net->stride);
+    net->after = zeros(rows * net->stride);
+    return !PyErr_Occurred();
+}
+
+static void network_dealloc(NetworkObject *self)
+{
+    Network *net = &self->net;
+    for (int l = 0; l < net->layers; l++) {
+        free(net->layer[l].matrix);
+        free(net->layer[l].bias);
+    }
+    free(net->action_rows);
+    free(net->time_parts);
+    free(net->prior_gain);
+    free(net->output);
+    free(net->output_bias);
+    free(net->observed);
+    free(net->before);
+    free(net->after);
+    Py_TYPE(self)->tp_free((PyObject *)self);
+}
+
+static PyObject *network_new(PyTypeObject *type, PyObject *arguments, PyObject *Py_UNUSED(keywords))
+{
+    const char *engine;
+    PyObject *widths, *arrays;
+    Network net = {0};
+    if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!", &engine, &net.silu, &net.action_dim, &net.observation_dim,
+                          &net.euler_steps, &net.batch, &PyTuple_Type, &widths, &PyTuple_Type, &arrays))
+        return NULL;
+    net.engine = find_engine(engine);
+    if (net.engine == NULL)
+        return NULL;
+    NetworkObject *self = (NetworkObject *)type->tp_alloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    self->net = net;
+    if (set_widths(&self->net, widths) && load_weights(&self->net, arrays) && allocate_buffers(&self->net))
+        return (PyObject *)self;
+    Py_DECREF(self);
+    return NULL;
+}
+
+static PyObject *network_observe(NetworkObject *self, PyObject *observation)
+{
+    Network *net = &self->net;
+    Py_buffer buffer;
+    if (!view(observation, "f", (Py_ssize_t)net->batch * net->observation_dim, "observation", &buffer))
+        return NULL;
+    net->engine->observe(net, buffer.buf);
+    PyBuffer_Release(&buffer);
+    Py_RETURN_NONE;
+}
+
+static PyObject *network_step(NetworkObject *self, PyObject *arguments)
+{
+    Network *net = &self->net;
+    const Py_ssize_t count = (Py_ssize_t)net->batch * net->action_dim;
+    PyObject *action_array, *result_array;
+    Py_buffer action, result;
+    int k;
+    if (!PyArg_ParseTuple(arguments, "iOO", &k, &action_array, &result_array))
+        return NULL;
+    if (k < 0 || k >= net->euler_steps)
+        return PyErr_Format(PyExc_IndexError, "step %d of %d", k, net->euler_steps);
+    if (!view(action_array, "f", count, "action", &action))
+        return NULL;
+    if (view(result_array, "f", count * (1 + net->action_dim), "result", &result)) {
+        net->engine->step(net, k, action.buf, result.buf);
+        PyBuffer_Release(&result);
+    }
+    PyBuffer_Release(&action);
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
+/* Reads one term from its numbers (kernel.py, `encode`) and returns where the next one starts; NULL if cut short. */
+static const double *read_term(const double *numbers, const double *end, Term *term)
+{
+    if (end - numbers < 8)
+        return NULL;
+    *term = (Term){.kind = (Kind)numbers[0],
+                   .factor = numbers[1],
+                   .shift = numbers[2],
+                   .push = numbers[3],
+                   .threshold = numbers[4],
+                   .drift = {numbers[5], numbers[6]},
+                   .neighbours = (int)numbers[7],
+                   .neighbour = numbers + 8};
+    numbers += 8 + 3 * term->neighbours;
+    return term->neighbours >= 0 && numbers <= end ? numbers : NULL;
+}
+
+static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
+{
+    Network *net = &self->net;
+    PyObject *array;
+    Py_buffer buffer;
+    Term terms[MAX_TERMS];
+    int mode, count;
+    double x, y, left_s;
+    if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &mode, &count, &array, &x, &y, &left_s))
+        return NULL;
+    if (net->batch != 1 || net->action_dim != 2 || count > MAX_TERMS || mode < NONE || mode > YIELDING)
+        return PyErr_Format(PyExc_ValueError, "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
+    if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS) < 0)
+        return NULL;
+    const double *next = buffer.buf, *end = next + buffer.len / sizeof(double);
+    for (int m = 0; m < count && next != NULL; m++)
+        next = read_term(next, end, &terms[m]);
+    const Sample sample = next ? sample_guided(net, (Mode)mode, terms, count, (Vector2){x, y}, left_s) : (Sample){0};
+    PyBuffer_Release(&buffer);
+    if (next == NULL)
+        return PyErr_Format(PyExc_ValueError, "the terms end early");
+    PyObject *costs = PyTuple_New(count);
+    for (int m = 0; costs != NULL && m < count; m++)
+        PyTuple_SET_ITEM(costs, m, PyFloat_FromDouble(sample.costs[m]));
+    return Py_BuildValue("(dd)iiiN", sample.action.x, sample.action.y, sample.steps, sample.projections, sample.fault, costs);
+}
+
+static PyMethodDef network_methods[] = {
+    {"observe", (PyCFunction)network_observe, METH_O, "observe(observation): float32 (B, O)"},
+    {"step", (PyCFunction)network_step, METH_VARARGS, "step(k, action, result): float32 (B, d), (B, 1 + d, d)"},
+    {"sample", (PyCFunction)network_sample, METH_VARARGS,
+     "sample(mode, count, terms, start, left_s) -> (action, steps, projections, fault, costs)"},
+    {0}};
+
+static PyTypeObject network_type = {
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "edge_runtime._kernel.Network",
+    .tp_basicsize = sizeof(NetworkObject),
+    .tp_dealloc = (destructor)network_dealloc,
+    .tp_flags = Py_TPFLAGS_DEFAULT,
+    .tp_doc = "Network(engine, silu, (d, O, T, B), widths, arrays); kernel.py says which arrays.",
+    .tp_methods = network_methods,
+    .tp_new = network_new,
+};
+
+static PyObject *list_engines(PyObject *Py_UNUSED(module), PyObject *Py_UNUSED(nothing))
+{
+    PyObject *names = PyList_New(0);
+    for (const Engine *const *engine = engines(); names != NULL && *engine != NULL; engine++) {
+        PyObject *name = PyUnicode_FromString((*engine)->name);
+        if (name == NULL || PyList_Append(names, name) < 0)
+            Py_CLEAR(names);
+        Py_XDECREF(name);
+    }
+    return names;
+}
+
+static PyMethodDef module_methods[] = {
+    {"engines", list_engines, METH_NOARGS, "Instruction sets that this processor can run, fastest first."}, {0}};
+
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = -1, .m_methods = module_methods};
+
+PyMODINIT_FUNC PyInit__kernel(void)
+{
+    PyObject *self = PyModule_Create(&module);
+    if (self == NULL || PyType_Ready(&network_type) < 0)
+        return NULL;
+    if (PyModule_AddObjectRef(self, "Network", (PyObject *)&network_type) < 0)
+        Py_CLEAR(self);
+    return self;
+}

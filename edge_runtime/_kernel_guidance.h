@@ -1,0 +1,218 @@
+/* The guided flow of one planar robot with the built-in objectives: guidance.py, objectives.py and
+ * projection.py in C, for the same numbers. What each step means is explained there. */
+#ifndef KERNEL_GUIDANCE_H
+#define KERNEL_GUIDANCE_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <time.h>
+
+#include "_kernel_network.h"
+
+#define MAX_TERMS 32
+#define FEASIBLE -1e-12
+
+typedef struct {
+    double x, y;
+} Vector2;
+
+typedef enum { SPEED_LIMIT, SAFETY_MARGIN } Kind;
+typedef enum { NONE, HIERARCHICAL, CONE, YIELDING } Mode;
+
+/* One objective in one tick. */
+typedef struct {
+    Kind kind;
+    double factor;      /* eta lambda */
+    double shift, push; /* d position / d action, d velocity / d action of its preview */
+    double threshold;   /* the speed or distance at which guidance starts */
+    Vector2 drift;      /* predicted velocity (speed limit) or position (safety margin) without action */
+    int neighbours;
+    const double *neighbour; /* x, y and the direction (+-1) that leads apart when the positions coincide */
+} Term;
+
+typedef struct {
+    Vector2 action;
+    int steps, projections;
+    int fault; /* the term whose gradient was not finite, or -1 */
+    double costs[MAX_TERMS];
+} Sample;
+
+static double dot2(Vector2 a, Vector2 b) { return a.x * b.x + a.y * b.y; }
+static Vector2 add_scaled(Vector2 a, double factor, Vector2 b) { return (Vector2){a.x + factor * b.x, a.y + factor * b.y}; }
+
+/* Cost of an action under a term, and its gradient with respect to the action. */
+static double evaluate_term(const Term *term, Vector2 action, Vector2 *gradient)
+{
+    *gradient = (Vector2){0.0, 0.0};
+    if (term->kind == SPEED_LIMIT) {
+        const Vector2 velocity = add_scaled(term->drift, term->push, action);
+        const double speed = sqrt(dot2(velocity, velocity)), excess = speed - term->threshold;
+        if (excess <= 0.0)
+            return 0.0;
+        const double cure = excess / term->push;
+        *gradient = add_scaled(*gradient, cure / speed, velocity);
+        return 0.5 * cure * cure;
+    }
+    const Vector2 position = add_scaled(term->drift, term->shift, action);
+    double cost = 0.0;
+    for (int i = 0; i < term->neighbours; i++) {
+        const double *neighbour = term->neighbour + 3 * i;
+        Vector2 apart = {position.x - neighbour[0], position.y - neighbour[1]};
+        const double square = dot2(apart, apart);
+        if (square < term->threshold * term->threshold) {
+            double distance = sqrt(square);
+            const double cure = (term->threshold - distance) / term->shift;
+            cost += 0.5 * cure * cure;
+            if (distance == 0.0) {
+                apart.x = neighbour[2];
+                distance = 1.0;
+            }
+            *gradient = add_scaled(*gradient, -cure / distance, apart);
+        }
+    }
+    return cost;
+}
+
+/* Each projection returns whether it changed the sum. */
+
+static bool harmonize(const Vector2 *gradients, const double *factors, int count, Vector2 *sum)
+{
+    bool changed = false;
+    Vector2 total = {0.0, 0.0};
+    for (int m = 0; m < count; m++) {
+        Vector2 kept = gradients[m];
+        for (int n = 0; n < count; n++) {
+            const double dot = dot2(kept, gradients[n]), square = dot2(gradients[n], gradients[n]);
+            if (n != m && dot < 0.0 && square > 0.0) {
+                kept = add_scaled(kept, -dot / square, gradients[n]);
+                changed = true;
+            }
+        }
+        total = add_scaled(total, factors[m], kept);
+    }
+    *sum = total;
+    return changed;
+}
+
+static bool project_onto_nominal(Vector2 nominal, Vector2 *guidance)
+{
+    const double dot = dot2(*guidance, nominal), square = dot2(nominal, nominal);
+    if (dot >= 0.0 || square == 0.0)
+        return false;
+    *guidance = add_scaled(*guidance, -dot / square, nominal);
+    return true;
+}
+
+static bool descends(Vector2 vector, const Vector2 *gradients, int count)
+{
+    const double length = sqrt(dot2(vector, vector));
+    for (int m = 0; m < count; m++)
+        if (dot2(vector, gradients[m]) < FEASIBLE * length * sqrt(dot2(gradients[m], gradients[m])))
+            return false;
+    return true;
+}
+
+static bool project_onto_cone(const Vector2 *gradients, int count, Vector2 *guidance)
+{
+    if (descends(*guidance, gradients, count))
+        return false;
+    Vector2 best = {0.0, 0.0};
+    double longest = 0.0;
+    for (int m = 0; m < count; m++) {
+        const double dot = dot2(*guidance, gradients[m]), square = dot2(gradients[m], gradients[m]);
+        if (dot < 0.0 && square > 0.0) {
+            const Vector2 point = add_scaled(*guidance, -dot / square, gradients[m]);
+            const double length = dot2(point, point);
+            if (length > longest && descends(point, gradients, count)) {
+                best = point;
+                longest = length;
+            }
+        }
+    }
+    *guidance = best;
+    return true;
+}
+
+static bool forbid_reversal(Vector2 nominal, Vector2 *guidance)
+{
+    const double square = dot2(nominal, nominal), reversal = dot2(*guidance, nominal) + square;
+    if (reversal >= 0.0 || square == 0.0)
+        return false;
+    *guidance = add_scaled(*guidance, -reversal / square, nominal);
+    return true;
+}
+
+static bool combine(Mode mode, const Vector2 *gradients, const double *factors, int count, Vector2 nominal, Vector2 *guidance)
+{
+    *guidance = (Vector2){0.0, 0.0};
+    for (int m = 0; m < count; m++)
+        *guidance = add_scaled(*guidance, factors[m], gradients[m]);
+    bool changed = false;
+    switch (mode) {
+    case NONE:
+        break;
+    case HIERARCHICAL:
+        changed = harmonize(gradients, factors, count, guidance);
+        changed |= project_onto_nominal(nominal, guidance);
+        break;
+    case CONE:
+        changed = project_onto_cone(gradients, count, guidance);
+        break;
+    case YIELDING:
+        changed = project_onto_cone(gradients, count, guidance);
+        changed |= forbid_reversal(nominal, guidance);
+    }
+    return changed;
+}
+
+static double seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* T Euler steps, or as many as fit in the time left; guidance.py's guided_action for batch 1 and d = 2. */
+static Sample sample_guided(Network *net, Mode mode, const Term *terms, int count, Vector2 action, double left_s)
+{
+    Sample sample = {.fault = -1};
+    const double begin = seconds();
+    double now = begin, longest = 0.0;
+    for (int k = 0; k < net->euler_steps; k++) {
+        float result[6];
+        net->engine->step(net, k, (float[]){(float)action.x, (float)action.y}, result);
+        const Vector2 velocity = {result[0], result[1]}, along_x = {result[2], result[3]}, along_y = {result[4], result[5]};
+        const double left = 1.0 - (double)k / net->euler_steps;
+        const Vector2 estimate = add_scaled(action, left, velocity);
+        Vector2 gradients[MAX_TERMS], guidance;
+        double factors[MAX_TERMS];
+        int steering = 0;
+        for (int m = 0; m < count; m++) {
+            Vector2 gradient;
+            sample.costs[m] = evaluate_term(&terms[m], estimate, &gradient);
+            if (!isfinite(gradient.x + gradient.y)) {
+                sample.fault = m;
+                sample.steps = k;
+                return sample;
+            }
+            if (gradient.x != 0.0 || gradient.y != 0.0) {
+                gradients[steering] = (Vector2){-gradient.x - left * dot2(along_x, gradient),
+                                                -gradient.y - left * dot2(along_y, gradient)};
+                factors[steering++] = terms[m].factor;
+            }
+        }
+        sample.projections += combine(mode, gradients, factors, steering, velocity, &guidance);
+        sample.action = action = add_scaled(action, 1.0 / net->euler_steps, add_scaled(velocity, 1.0, guidance));
+        sample.steps = k + 1;
+        const double before = now;
+        now = seconds();
+        longest = fmax(longest, now - before);
+        if (now - begin + longest > left_s) {
+            sample.action = add_scaled(estimate, 1.0 / net->euler_steps, guidance);
+            break;
+        }
+    }
+    return sample;
+}
+
+#endif

@@ -1,0 +1,72 @@
+"""Which implementation computes a policy: chosen once at load, and named in every report."""
+
+import functools
+import sys
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from edge_runtime.errors import PolicyError
+from edge_runtime.kernel import CompiledPolicy
+from edge_runtime.policy import FlowPolicy
+from edge_runtime.weights import FlowWeights
+
+Backend = Literal["auto", "numpy", "compiled"]
+BACKENDS: Final[tuple[Backend, ...]] = get_args(Backend)
+
+_TOLERANCE: Final = 1e-5
+"""Largest difference between the backends, as a share of the largest number compared."""
+
+
+def make_policy(
+    weights: FlowWeights, euler_steps: int, batch: int = 1, backend: Backend = "auto"
+) -> FlowPolicy | CompiledPolicy:
+    """Prepare a network for ``batch`` observations at once.
+
+    Args:
+        weights: the network.
+        euler_steps: T.
+        batch: B.
+        backend: ``auto`` takes the compiled kernel where it works and numpy elsewhere, with one warning
+            on stderr that says why.
+
+    Raises:
+        PolicyError: if a number is below one, the backend is unknown, or ``compiled`` was asked for and
+            the kernel is missing, cannot hold the network or does not agree with numpy.
+    """
+    if backend not in BACKENDS:
+        raise PolicyError(f"backend {backend!r} is not one of {', '.join(BACKENDS)}")
+    reference = FlowPolicy(weights, euler_steps, batch)
+    if backend == "numpy":
+        return reference
+    try:
+        compiled = CompiledPolicy(weights, euler_steps, batch)
+        _check_agreement(compiled, reference)
+    except PolicyError as error:
+        if backend == "compiled":
+            raise
+        _warn(f"edge_runtime: {error}; continuing with the numpy backend")
+        return reference
+    return compiled
+
+
+def _check_agreement(policy: CompiledPolicy, reference: FlowPolicy) -> None:
+    rng = np.random.default_rng(0)
+    for k in range(reference.euler_steps):
+        observation = rng.standard_normal((reference.batch, reference.observation_dim), np.float32)
+        action = rng.standard_normal((reference.batch, reference.action_dim), np.float32)
+        policy.observe(observation)
+        reference.observe(observation)
+        found, expected = policy.step(k, action), reference.step(k, action)
+        difference, size = float(np.abs(found - expected).max()), float(np.abs(expected).max())
+        if not difference <= _TOLERANCE * max(1.0, size):
+            raise PolicyError(
+                f"the compiled kernel ({policy.engine}) differs from numpy by {difference:.2g} on random "
+                "inputs; reinstall cfpg-edge, or choose the numpy backend"
+            )
+
+
+@functools.cache
+def _warn(message: str) -> None:
+    """Say the same thing once a process."""
+    print(message, file=sys.stderr)
