@@ -11,16 +11,12 @@ from edge_runtime.errors import BundleError
 from edge_runtime.manifest import Manifest
 from edge_runtime.weights import Array, FlowWeights
 
-_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
-
 
 def pack_weights(weights: FlowWeights) -> bytes:
-    """Write the weights as an uncompressed npz whose time stamps are fixed."""
+    """Write the weights as an uncompressed npz, which carries no time stamps of its own."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, array in _named_arrays(weights).items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy", _ZIP_EPOCH), "w") as member:
-                np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
+    arrays = {name: np.ascontiguousarray(array) for name, array in _named_arrays(weights).items()}
+    np.savez(buffer, **arrays)
     return buffer.getvalue()
 
 

@@ -28,6 +28,7 @@ class SplitFirstLayer(Mlp):
 
     def forward(self, action, tau, observation):
         x = self.of_observation(-observation * 2) + self.of_tau(1 - tau) - self.of_action(action / 3)
+        x = x + self.of_action(action)
         return 0.5 * self.last(self.activation(self.second(self.activation(x))))
 
 

@@ -1,5 +1,6 @@
 """policy.npz: the same bytes for the same weights, refused unless every array fits."""
 
+import dataclasses
 import io
 import time
 
@@ -34,6 +35,11 @@ def test_bytes_do_not_depend_on_the_clock(monkeypatch):
     monkeypatch.setattr(time, "localtime", lambda *_: time.gmtime(2**31))
     monkeypatch.setattr(time, "time", lambda: 2.0**31)
     assert pack_weights(WEIGHTS) == first
+
+
+def test_bytes_do_not_depend_on_the_memory_layout():
+    transposed = dataclasses.replace(WEIGHTS, action=np.asfortranarray(WEIGHTS.action))
+    assert pack_weights(transposed) == pack_weights(WEIGHTS)
 
 
 @pytest.mark.parametrize("name", sorted(arrays()))
