@@ -13,10 +13,12 @@ from edge_runtime.weights import Array, FlowWeights
 
 
 def pack_weights(weights: FlowWeights) -> bytes:
-    """Write the weights as an uncompressed npz, which carries no time stamps of its own."""
+    """Write the weights as an uncompressed npz without time stamps."""
     buffer = io.BytesIO()
-    arrays = {name: np.ascontiguousarray(array) for name, array in _named_arrays(weights).items()}
-    np.savez(buffer, **arrays)
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in _named_arrays(weights).items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as member:  # dated 1980, not today
+                np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
     return buffer.getvalue()
 
 
