@@ -265,7 +265,7 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     double x, y, left_s;
     if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &mode, &count, &array, &x, &y, &left_s))
         return NULL;
-    if (net->batch != 1 || net->action_dim != 2 || count > MAX_TERMS || mode < NONE || mode > YIELDING)
+    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || mode < NONE || mode > YIELDING)
         return PyErr_Format(PyExc_ValueError, "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
     if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS) < 0)
         return NULL;
