@@ -9,9 +9,10 @@ from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
 from edge_runtime.errors import ConfigError, EdgeError
 from export.distributed import join, launch
+from export.plan import ALGORITHMS, Request, make_plan
 from export.progress import ProgressView
 from export.scenarios import SCENARIOS
-from export.training_run import ALGORITHMS, Request, TrainingRun, check_directory
+from export.training_run import TrainingRun
 
 EXAMPLES = """\
 examples:
@@ -49,7 +50,7 @@ def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
 
 
 def check(request: Request, workers: int) -> None:
-    """Refuse numbers that make no sense and directories that are taken.
+    """Refuse numbers that make no sense.
 
     Raises:
         ConfigError: names the flag.
@@ -60,7 +61,6 @@ def check(request: Request, workers: int) -> None:
         raise ConfigError(f"--seed must not be negative, got {request.seed}")
     if request.frames is not None and request.frames < 1:
         raise ConfigError(f"--frames must be at least 1, got {request.frames}")
-    check_directory(request)
 
 
 def work(request: Request) -> None:
@@ -85,6 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
         check(request, workers)
         request.out.mkdir(parents=True, exist_ok=True)
         if workers > 1:
+            make_plan(request, workers)  # one line from here says more than one from every worker
             launch(workers, work, request)
         else:
             work(request)

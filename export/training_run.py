@@ -3,52 +3,20 @@
 import subprocess
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from edge_runtime.errors import ConfigError
-from export.algorithm import Algorithm, TrainingSettings
-from export.checkpoint import CHECKPOINT, PolicyFacts, RunIdentity, check_identity, load, save, save_policy
+from export.algorithm import TrainingSettings
+from export.checkpoint import CHECKPOINT, PolicyFacts, save, save_policy
 from export.distributed import Workers
-from export.mafpo import Mafpo
-from export.mafpo_chain import MafpoChain
 from export.metrics import MetricsRow, draw_curve, write_table
+from export.plan import Request, make_algorithm, make_plan
 from export.scenarios import make_scenario
 from export.trainer import Trainer
 from export.validation import Validation
-
-ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain)}
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the user asked for."""
-
-    scenario: str
-    algorithm: str
-    seed: int
-    out: Path
-    frames: int | None = None
-    """None for the algorithm's default, or for what a resumed run was started with."""
-    resume: bool = False
-
-
-def check_directory(request: Request) -> None:
-    """Refuse what would overwrite a run, or resume nothing.
-
-    Raises:
-        ConfigError: if ``out`` and ``resume`` do not go together.
-    """
-    started = (request.out / CHECKPOINT).exists()
-    if started and not request.resume:
-        raise ConfigError(
-            f"{request.out} already holds a run: continue it with --resume or choose another --out"
-        )
-    if request.resume and not started:
-        raise ConfigError(f"{request.out} holds no {CHECKPOINT} to resume: start it without --resume")
 
 
 class TrainingRun:
@@ -60,28 +28,22 @@ class TrainingRun:
         Raises:
             ConfigError: if the checkpoint is damaged or another run's, or the work cannot be shared equally.
         """
-        self._request, self._workers = request, workers
+        plan = make_plan(request, workers.count, settings)
+        self._request, self._workers, self._identity = request, workers, plan.identity
         seeds = np.random.SeedSequence([request.seed, workers.rank]).generate_state(2).tolist()
-        saved = load(request.out / CHECKPOINT) if request.resume else None
-        settings = _settings(request, settings, saved)
-        _check_shares(settings, workers.count)
-        scenario = make_scenario(
-            request.scenario, settings.environments // workers.count, seeds[0], workers.device, training=True
-        )
+        share = plan.settings.environments // workers.count
+        scenario = make_scenario(request.scenario, share, seeds[0], workers.device, training=True)
         self.facts = scenario.facts
         generator = torch.Generator(workers.device).manual_seed(seeds[1])
         with torch.random.fork_rng():
             torch.manual_seed(request.seed)  # initial weights are equal in all workers
-            algorithm = ALGORITHMS[request.algorithm](self.facts.observation_dim, self.facts.action_dim)
-            self.trainer = Trainer(scenario, algorithm, settings, generator, workers)
-        self._identity = self._identify(algorithm, settings)
-        if saved:
-            check_identity(request.out / CHECKPOINT, saved["identity"], self._identity)
-        self._validation = Validation(request.scenario, settings.validation_episodes, workers)
+            algorithm = make_algorithm(request)
+            self.trainer = Trainer(scenario, algorithm, plan.settings, generator, workers)
+        self._validation = Validation(request.scenario, plan.settings.validation_episodes, workers)
         self.rows: list[MetricsRow] = []
         self.best_score = float("-inf")
-        if saved:
-            self._restore(saved)
+        if plan.saved:
+            self._restore(plan.saved)
         else:
             self._checkpoint()
 
@@ -173,32 +135,6 @@ class TrainingRun:
         self.trainer.load_worker_state_dict(saved["workers"][self._workers.rank])
         self.rows = [MetricsRow(**row) for row in saved["rows"]]
         self.best_score = saved["best_score"]
-
-    def _identify(self, algorithm: Algorithm, settings: TrainingSettings) -> RunIdentity:
-        return RunIdentity(
-            scenario=self._request.scenario,
-            algorithm=algorithm.name,
-            seed=self._request.seed,
-            frames=settings.frames,
-            workers=self._workers.count,
-            observation_dim=self.facts.observation_dim,
-            action_dim=self.facts.action_dim,
-            hidden=algorithm.actor.hidden,
-        )
-
-
-def _settings(request: Request, given: TrainingSettings | None, saved: dict | None) -> TrainingSettings:
-    """Return the settings to train by: given or the algorithm's own, with the frames asked for."""
-    settings = given or ALGORITHMS[request.algorithm].settings
-    frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
-    return replace(settings, frames=frames)
-
-
-def _check_shares(settings: TrainingSettings, workers: int) -> None:
-    for name in ("environments", "minibatch", "validation_episodes"):
-        total = getattr(settings, name)
-        if total % workers:
-            raise ConfigError(f"--workers {workers} does not divide {total} {name}: choose one that does")
 
 
 def _git_commit() -> str:

@@ -12,7 +12,8 @@ from edge_runtime.errors import ConfigError
 from export.algorithm import TrainingSettings
 from export.checkpoint import load, load_policy
 from export.distributed import Workers
-from export.training_run import Request, TrainingRun, check_directory
+from export.plan import Request, make_plan
+from export.training_run import TrainingRun
 
 SETTINGS = TrainingSettings(
     frames=6 * 48,
@@ -112,10 +113,10 @@ def test_checkpoint_of_another_shape_is_refused(finished, tmp_path):
 
 def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
     with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
-        check_directory(request(finished))
+        make_plan(request(finished), 1)
     with pytest.raises(ConfigError, match="start it without --resume"):
-        check_directory(request(tmp_path, resume=True))
-    check_directory(request(tmp_path))
+        make_plan(request(tmp_path, resume=True), 1)
+    assert make_plan(request(tmp_path), 1).saved is None
 
 
 def test_work_that_cannot_be_shared_equally_is_refused(tmp_path):

@@ -1,0 +1,93 @@
+"""What a training run is asked to do, checked before any process starts to do it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.errors import ConfigError
+from export.algorithm import Algorithm, TrainingSettings
+from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
+from export.mafpo import Mafpo
+from export.mafpo_chain import MafpoChain
+from export.scenarios import SCENARIOS
+
+ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain)}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for."""
+
+    scenario: str
+    algorithm: str
+    seed: int
+    out: Path
+    frames: int | None = None
+    """None for the algorithm's default, or for what a resumed run was started with."""
+    resume: bool = False
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How it will be done."""
+
+    settings: TrainingSettings
+    identity: RunIdentity
+    saved: dict[str, Any] | None
+    """The checkpoint to continue from; None for a new run."""
+
+
+def make_plan(request: Request, workers: int, settings: TrainingSettings | None = None) -> Plan:
+    """Check a request; ``settings`` replace the algorithm's own.
+
+    Raises:
+        ConfigError: if the directory is taken or holds nothing to resume, if its checkpoint is damaged or
+            another run's, or if the work cannot be shared equally.
+    """
+    _check_directory(request)
+    saved = load(request.out / CHECKPOINT) if request.resume else None
+    settings = settings or ALGORITHMS[request.algorithm].settings
+    frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
+    settings = replace(settings, frames=frames)
+    _check_shares(settings, workers)
+    identity = _identify(request, workers, frames)
+    if saved:
+        check_identity(request.out / CHECKPOINT, saved["identity"], identity)
+    return Plan(settings, identity, saved)
+
+
+def make_algorithm(request: Request) -> Algorithm:
+    """Build the algorithm for the scenario's shapes, with random initial weights."""
+    facts = SCENARIOS[request.scenario].facts
+    return ALGORITHMS[request.algorithm](facts.observation_dim, facts.action_dim)
+
+
+def _check_directory(request: Request) -> None:
+    started = (request.out / CHECKPOINT).exists()
+    if started and not request.resume:
+        raise ConfigError(
+            f"{request.out} already holds a run: continue it with --resume or choose another --out"
+        )
+    if request.resume and not started:
+        raise ConfigError(f"{request.out} holds no {CHECKPOINT} to resume: start it without --resume")
+
+
+def _check_shares(settings: TrainingSettings, workers: int) -> None:
+    for name in ("environments", "minibatch", "validation_episodes"):
+        total = getattr(settings, name)
+        if total % workers:
+            raise ConfigError(f"--workers {workers} does not divide {total} {name}: choose one that does")
+
+
+def _identify(request: Request, workers: int, frames: int) -> RunIdentity:
+    actor = make_algorithm(request).actor
+    return RunIdentity(
+        scenario=request.scenario,
+        algorithm=request.algorithm,
+        seed=request.seed,
+        frames=frames,
+        workers=workers,
+        observation_dim=actor.observation_dim,
+        action_dim=actor.action_dim,
+        hidden=actor.hidden,
+    )
