@@ -1,0 +1,80 @@
+"""What a process can do for punctual ticks: no collector pauses, real-time priority, an early wake."""
+
+import ctypes
+import gc
+import os
+import time
+from collections.abc import Callable
+from typing import Final
+
+from edge_runtime.errors import ConfigError
+
+PRIORITY: Final = 40
+"""Of SCHED_FIFO: above everything ordinary, below the kernel's interrupt threads (50)."""
+_MCL_CURRENT: Final = 1
+_MCL_FUTURE: Final = 2
+
+
+def freeze_garbage() -> None:
+    """Exempt everything allocated so far from garbage collection; call once, after start-up."""
+    gc.collect()
+    gc.freeze()
+
+
+def enter_realtime() -> None:
+    """Schedule this process ahead of all ordinary ones (SCHED_FIFO) and keep its memory from being paged out.
+
+    A loop that never sleeps would then lock out everything else on its core: wait by sleeping, never by
+    spinning.
+
+    Raises:
+        ConfigError: if the system refuses either; the process is left as it was.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        raise ConfigError("real-time scheduling needs Linux; run without it")
+    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError as error:
+        raise ConfigError(
+            f"real-time scheduling was refused ({error.strerror}): allow it, for example with "
+            f"`LimitRTPRIO={PRIORITY}` in the systemd unit or CAP_SYS_NICE, or run without it"
+        ) from error
+    try:
+        _lock_memory()
+    except OSError as error:
+        os.sched_setscheduler(0, before, parameters)
+        raise ConfigError(
+            f"locking memory was refused ({error.strerror}): allow it, for example with "
+            "`LimitMEMLOCK=infinity` in the systemd unit or CAP_IPC_LOCK, or run without it"
+        ) from error
+
+
+def _lock_memory() -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+class EarlyWake:
+    """A sleep that wakes early, computes something to throw away, and sleeps the rest.
+
+    A processor that wakes from sleep has slowed its clock and lost its caches; after a throw-away tick the
+    real one meets neither. For `edge_runtime.rate.DeadlineGrid`'s ``sleep``.
+
+    Args:
+        warm_up: the throw-away tick; it must leave no trace.
+        lead_s: how long before the end of the sleep it starts; longer than it takes.
+    """
+
+    def __init__(self, warm_up: Callable[[], object], lead_s: float) -> None:
+        self._warm_up, self._lead_s = warm_up, lead_s
+
+    def __call__(self, seconds: float) -> None:
+        """Sleep for ``seconds``; without the throw-away tick if that is less than the lead."""
+        end = time.monotonic() + seconds
+        if seconds > self._lead_s:
+            time.sleep(seconds - self._lead_s)
+            self._warm_up()
+        time.sleep(max(0.0, end - time.monotonic()))
