@@ -9,15 +9,15 @@ from onnx import ModelProto
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import Training
 from edge_runtime.weights import FlowWeights
-from export.affine import NotAnMlpError
 from export.bundle_writer import write_bundle
 from export.checkpoint import PolicyFacts, load_policy
 from export.facts import FACTS_TEMPLATE, Facts, read_facts
-from export.onnx_graph import velocity_graph
-from export.onnx_import import read_velocity_graph
-from export.onnx_jacobian import with_jacobian
-from export.onnx_mlp import read_flow_weights
-from export.onnx_reference import GraphReference
+from export.onnx.affine import NotAnMlpError
+from export.onnx.foreign import read_velocity_graph
+from export.onnx.graph import velocity_graph
+from export.onnx.jacobian import with_jacobian
+from export.onnx.mlp import read_flow_weights
+from export.onnx.reference import GraphReference
 from export.parity import SAMPLES, evaluate_torch, random_inputs
 from export.scenarios import SCENARIOS
 

@@ -13,8 +13,8 @@ from edge_runtime.policy import FlowPolicy
 from export import bundle_writer
 from export.bundle_writer import write_bundle
 from export.facts import Facts
-from export.onnx_graph import velocity_graph
-from export.onnx_jacobian import with_jacobian
+from export.onnx.graph import velocity_graph
+from export.onnx.jacobian import with_jacobian
 from export.parity import TOLERANCE, random_inputs, require_parity
 
 FACTS = Facts(MANIFEST.observation, MANIFEST.action, 10.0, 10, MANIFEST.dynamics, MANIFEST.body)

@@ -11,8 +11,8 @@ from torch_oracle import velocity
 
 from edge_runtime.onnx_policy import OnnxPolicy
 from edge_runtime.policy import FlowPolicy
-from export.onnx_graph import velocity_graph
-from export.onnx_jacobian import with_jacobian
+from export.onnx.graph import velocity_graph
+from export.onnx.jacobian import with_jacobian
 
 
 def onnx_policy(weights, path, batch):

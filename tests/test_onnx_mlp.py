@@ -9,10 +9,10 @@ from torch import nn
 from velocity_nets import OBSERVATION, Attention, Mlp, Normed, Residual, autograd, export, graph_of
 
 from edge_runtime.policy import FlowPolicy
-from export.affine import NotAnMlpError
-from export.onnx_graph import velocity_graph
-from export.onnx_import import read_velocity_graph
-from export.onnx_mlp import read_flow_weights
+from export.onnx.affine import NotAnMlpError
+from export.onnx.foreign import read_velocity_graph
+from export.onnx.graph import velocity_graph
+from export.onnx.mlp import read_flow_weights
 
 op = onnx.helper.make_node
 

@@ -10,8 +10,8 @@ from conftest import random_weights
 from edge_runtime.errors import PolicyError
 from edge_runtime.onnx_policy import OnnxPolicy
 from edge_runtime.policy import FlowPolicy
-from export.onnx_graph import velocity_graph
-from export.onnx_jacobian import with_jacobian
+from export.onnx.graph import velocity_graph
+from export.onnx.jacobian import with_jacobian
 
 
 @pytest.fixture(scope="module")

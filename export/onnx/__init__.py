@@ -1,0 +1,1 @@
+"""ONNX graphs of velocity fields: written, read, recognised and differentiated."""
