@@ -33,7 +33,7 @@ from firmware_bridge.mavlink_messages import (
 )
 from firmware_bridge.mavlink_profiles import Mode, Motion, find_profile
 from firmware_bridge.mavlink_setpoint import Follower
-from firmware_bridge.mavlink_signing import Signing, Timestamps, read_key
+from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict, read_key
 from firmware_bridge.mavlink_transport import Transport, open_transport
 from firmware_bridge.mavlink_vehicle import Vehicle
 
@@ -134,6 +134,7 @@ class MavlinkLink:
             raise BridgeError(self._silence())
         self._await(lambda: self.firmware_timeout_s is not None, ASK_AGAIN_S * 3, self._inquire)
         self._await(lambda: self._estimate.state is not None, ASK_AGAIN_S * 3, self._inquire)
+        self._dropped = 0  # What was said before anybody was known to listen does not count.
 
     def close(self) -> None:
         """Close the port, keep the signing timestamp."""
@@ -154,10 +155,14 @@ class MavlinkLink:
         """
         transport = self._opened()
         for portion in transport.receive():
+            stale = self.tally.refused[Verdict.REPLAYED]
             for received in self._decoder.feed(portion):
                 if (received.system_id, received.component_id) == (self._options.system_id, AUTOPILOT):
-                    transport.trust_sender()
+                    transport.trust_sender(fresh=True)
                     self._take(received, now_s)
+            if self.tally.refused[Verdict.REPLAYED] > stale:
+                # An autopilot without a clock of its own is behind until it has heard one frame of ours.
+                transport.trust_sender(fresh=False)
             if transport.datagrams:
                 self._decoder.end_of_datagram()
 
@@ -185,7 +190,7 @@ class MavlinkLink:
     def enable_sequence(self) -> Steps:
         """Take command, then arm; both count once a heartbeat shows them."""
         end_s = self._now() + ENABLING_S
-        yield from self._until(lambda: self._fresh(self._now()), end_s, "answer TIMESYNC and send its position")
+        yield from self._until(lambda: self._fresh(self._now()), end_s, "answer TIMESYNC and send a position")
         self._vehicle.expect_taking()
         streaming_s = self._now() + self._profile.prestream_s
         while self._now() < streaming_s:

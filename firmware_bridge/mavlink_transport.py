@@ -27,8 +27,8 @@ class Transport(Protocol):
         """Yield what has arrived."""
         ...
 
-    def trust_sender(self) -> None:
-        """Answer whoever sent the portion yielded last: it proved to be the autopilot."""
+    def trust_sender(self, fresh: bool) -> None:
+        """Answer whoever sent the portion yielded last; unless ``fresh``, only if nobody is known yet."""
         ...
 
     def send(self, frame: bytes) -> bool:
@@ -76,9 +76,9 @@ class UdpTransport:
                 continue  # An autopilot that is not up yet; its missing heartbeat tells.
             yield data
 
-    def trust_sender(self) -> None:
+    def trust_sender(self, fresh: bool) -> None:
         """Answer there from now on."""
-        if self._listens:
+        if self._listens and (fresh or self._peer is None):
             self._peer = self._sender
 
     def send(self, frame: bytes) -> bool:

@@ -22,6 +22,14 @@ def local_position(boot_ms=1000, x=1.0, y=2.0, vx=0.1, vy=0.2):
     return common.MAVLink_local_position_ned_message(boot_ms, x, y, -3.0, vx, vy, 0.0)
 
 
+def odometry(boot_ms=2500, frame_id=1, child_frame_id=12, x=1.0, yaw_rate=0.5, q=(1.0, 0.0, 0.0, 0.0)):
+    covariance = [0.0] * 21
+    position, velocity, turn = (x, 2.0, 3.0), (0.25, 0.5, 0.75), (0.0, 0.0, yaw_rate)
+    return common.MAVLink_odometry_message(
+        boot_ms * 1000, frame_id, child_frame_id, *position, list(q), *velocity, *turn, covariance, covariance
+    )
+
+
 class Ticks:
     """A clock that moves a little whenever it is read."""
 
@@ -52,7 +60,13 @@ class ScriptedAutopilot:
         """Messages in the order in which they arrived."""
         self.yaw, self.yaw_rate = 0.0, 0.0
         self.boot_offset_s = 50.0
-        self._parser = common.MAVLink(None)
+        self.trusted = []
+        self.odometry = False
+        """Whether the state comes as ODOMETRY."""
+        self.acknowledges = 0
+        """Result that refused commands are acknowledged with."""
+        self.complains = True
+        self._parser = common.MAVLink(None, srcSystem=1, srcComponent=1)
         self._answers = []
         self._readable, writer = os.pipe()
         os.write(writer, b"x")
@@ -61,14 +75,24 @@ class ScriptedAutopilot:
     def fileno(self):
         return self._readable
 
-    def trust_sender(self):
-        pass
+    def trust_sender(self, fresh):
+        self.trusted.append(fresh)
 
     def close(self):
         os.close(self._readable)
 
+    def sign(self, key, tick):
+        """Sign and demand signatures by pymavlink's own rules."""
+        self._parser.signing.secret_key, self._parser.signing.timestamp = key, tick
+        self._parser.signing.sign_outgoing = True
+
     def send(self, frame):
-        message = self._parser.decode(bytearray(frame))
+        if not self.trusted:
+            return False  # A listening port knows nobody to send to.
+        try:
+            message = self._parser.decode(bytearray(frame))
+        except common.MAVError:
+            return True
         self.heard.append(message)
         answer = getattr(self, "on_" + message.get_type().lower(), None)
         if answer is not None:
@@ -84,10 +108,10 @@ class ScriptedAutopilot:
             telemetry.append(
                 common.MAVLink_attitude_message(boot_ms, 0.0, 0.0, self.yaw, 0.0, 0.0, self.yaw_rate)
             )
-            telemetry.append(local_position(boot_ms))
+            telemetry.append(odometry(boot_ms) if self.odometry else local_position(boot_ms))
         answers, self._answers = self._answers, []
         for message in (*answers, *telemetry):
-            yield vehicle_frame(message)
+            yield bytes(message.pack(self._parser))
 
     def heartbeat(self):
         base = common.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -104,9 +128,11 @@ class ScriptedAutopilot:
             self._answers.append(common.MAVLink_param_value_message(name, self.timeout_s, 9, 1, 0))
 
     def on_command_long(self, command):
-        self._answers.append(common.MAVLink_command_ack_message(command.command, 0))
+        result = self.acknowledges if command.command in self.refuses else 0
+        self._answers.append(common.MAVLink_command_ack_message(command.command, result))
         if command.command in self.refuses:
-            self._answers.append(common.MAVLink_statustext_message(3, b"Arm: compass not calibrated"))
+            if self.complains:
+                self._answers.append(common.MAVLink_statustext_message(3, b"Arm: compass not calibrated"))
         elif command.command == common.MAV_CMD_DO_SET_MODE:
             self.mode = self._reported(int(command.param2), int(command.param3))
         elif command.command == common.MAV_CMD_COMPONENT_ARM_DISARM:

@@ -5,7 +5,7 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_peers import local_position, vehicle_frame
+from mavlink_peers import local_position, odometry, vehicle_frame
 from pymavlink.dialects.v20 import common
 
 from edge_runtime.errors import ConfigError
@@ -29,27 +29,6 @@ from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict
 KEY = bytes(range(32))
 FUZZ_CASES = int(os.environ.get("MAVLINK_FUZZ_CASES", "300"))
 """A million: MAVLINK_FUZZ_CASES=1000000 python -m pytest tests/test_mavlink_codec.py -k fuzz."""
-
-
-def odometry(frame_id=1, child_frame_id=12, x=1.0, yaw_rate=0.5, q=(1.0, 0.0, 0.0, 0.0)):
-    covariance = [0.0] * 21
-    return common.MAVLink_odometry_message(
-        2_500_000,
-        frame_id,
-        child_frame_id,
-        x,
-        2.0,
-        3.0,
-        list(q),
-        0.25,
-        0.5,
-        0.75,
-        0.0,
-        0.0,
-        yaw_rate,
-        covariance,
-        covariance,
-    )
 
 
 def decoded(*messages, decoder=None):
@@ -91,7 +70,7 @@ class TestReading:
     @pytest.mark.parametrize(("frame_id", "child_frame_id"), [(20, 12), (1, 1), (0, 12)])
     def test_odometry_in_axes_that_say_nothing_about_north_is_unusable(self, frame_id, child_frame_id):
         decoder = Decoder()
-        assert decoded(odometry(frame_id, child_frame_id), decoder=decoder) == []
+        assert decoded(odometry(frame_id=frame_id, child_frame_id=child_frame_id), decoder=decoder) == []
         assert decoder.tally.unusable == 1
 
     def test_time_sync(self):

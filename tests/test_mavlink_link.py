@@ -10,6 +10,7 @@ from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.guard_link import Condition, Limits, Setpoint
 from firmware_bridge.mavlink_link import MavlinkLink, MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES
+from firmware_bridge.mavlink_signing import clock_ticks
 
 SET_MODE, ARM = 176, 400
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1).at_period(0.02)
@@ -250,6 +251,82 @@ class TestKeepalive:
         autopilot.heard.clear()
         link.keepalive(False, clock.now_s)
         assert {m.param1 for m in autopilot.commands(511)} == {0.0, 30.0, 32.0}
+
+
+class TestSigning:
+    """The scripted autopilot signs and judges by pymavlink's own rules."""
+
+    KEY = bytes(range(32))
+
+    @pytest.fixture
+    def open_signed(self, clock, monkeypatch, tmp_path):
+        def open_signed(tick, key=self.KEY):
+            path = tmp_path / "key"
+            path.write_bytes(self.KEY)
+            path.chmod(0o600)
+            autopilot = ScriptedAutopilot("px4", clock)
+            if key is not None:
+                autopilot.sign(key, tick)
+            monkeypatch.setattr(mavlink_link, "open_transport", lambda _: autopilot)
+            options = MavlinkOptions("px4", "udpin:h:1", DYNAMICS, signing_key=str(path))
+            link = MavlinkLink(options, 4, LIMITS, clock)
+            link.open()
+            return link, autopilot
+
+        return open_signed
+
+    @pytest.mark.parametrize("ahead_s", [-3600, 0, 3600])
+    def test_both_sides_believe_each_other_whosever_clock_is_behind(self, open_signed, clock, ahead_s):
+        link, autopilot = open_signed(clock_ticks() + ahead_s * 100_000)
+        drive(link, clock)
+        link.send(command(), clock.now_s)
+        link.keepalive(True, clock.now_s)
+        assert autopilot.setpoints()[-1].get_signed()
+        assert autopilot.heard[-1].get_signed()
+        assert autopilot.trusted[0] == (ahead_s > 0), "only a fresh frame earns more than a first answer"
+        link.close()
+
+    def test_an_autopilot_that_does_not_sign_is_not_heard(self, open_signed):
+        with pytest.raises(BridgeError, match="refused by signing"):
+            open_signed(0, key=None)
+
+    def test_an_autopilot_with_another_key_is_not_heard(self, open_signed, monkeypatch):
+        monkeypatch.setattr(ScriptedAutopilot, "send", lambda *_: True)
+        with pytest.raises(BridgeError, match="altered refused by signing"):
+            open_signed(clock_ticks(), key=bytes(32))
+
+
+class TestOtherWays:
+    def test_the_state_may_come_as_odometry(self, connect, clock):
+        link, _ = connect("px4", odometry=True)
+        assert link.state().position_m == (2.0, 1.0)
+        drive(link, clock)
+
+    def test_a_stream_of_bytes_has_no_datagrams(self, connect, clock):
+        link, autopilot = connect("px4", datagrams=False)
+        data = b"".join(autopilot.receive())
+        position = link.state()
+        clock.now_s += 0.1
+        data = b"".join(autopilot.receive())
+        autopilot.receive = lambda: iter([data[:50], data[50:]])
+        link.receive(clock.now_s)
+        assert link.state().stamp_s > position.stamp_s
+        assert link.tally.damaged == 0
+
+    def test_what_was_said_to_nobody_is_not_counted_as_dropped(self, connect):
+        link, autopilot = connect("px4")
+        assert autopilot.trusted
+        assert link.dropped() == 0
+
+    def test_a_refusal_without_words_is_told_by_its_number(self, connect, clock):
+        link, _ = connect("px4", refuses={ARM}, complains=False, acknowledges=4)
+        with pytest.raises(BridgeError, match="did not arm: MAV_RESULT 4 to command 400"):
+            walk(link, link.enable_sequence(), clock)
+
+    def test_a_silent_refusal_is_told_too(self, connect, clock):
+        link, _ = connect("px4", refuses={ARM}, complains=False)
+        with pytest.raises(BridgeError, match=r"did not arm$"):
+            walk(link, link.enable_sequence(), clock)
 
 
 def test_a_link_that_is_not_open_says_so(clock):

@@ -1,0 +1,101 @@
+import argparse
+
+import msgspec
+import pytest
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.errors import BridgeError, ConfigError
+from firmware_bridge.guard_link import Limits
+from firmware_bridge.guard_spec import add_guard_arguments
+from firmware_bridge.mavlink_bridge import add_arguments, open_bridge
+from firmware_bridge.mavlink_link import MavlinkLink, MavlinkOptions, make_link
+
+DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
+LIMITS = Limits(speed_m_s=1.5, action=1.0)
+
+
+def make_bridge(*flags):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    add_guard_arguments(parser)
+    return open_bridge(parser.parse_args(flags), 3, 0.02, LIMITS, DYNAMICS)
+
+
+def options_of(bridge):
+    return msgspec.json.decode(bridge._spec.options, type=MavlinkOptions)
+
+
+@pytest.fixture
+def key(tmp_path):
+    path = tmp_path / "mavlink.key"
+    path.write_text(bytes(range(32)).hex())
+    path.chmod(0o600)
+    return path
+
+
+def test_flags_reach_the_guard():
+    bridge = make_bridge(
+        *("--mavlink", "serial:/dev/ttyACM0:921600", "--mavlink-autopilot", "px4", "--mavlink-system", "5"),
+        *("--mavlink-source-system", "9", "--mavlink-origin", "1.5", "-2", "--mavlink-point-ahead", "0.3"),
+        "--arm",
+    )
+    spec = bridge._spec
+    assert (spec.link, spec.robot_id, spec.arm, spec.limits) == ("mavlink", 3, True, LIMITS)
+    assert options_of(bridge) == MavlinkOptions(
+        autopilot="px4",
+        address="serial:/dev/ttyACM0:921600",
+        dynamics=DYNAMICS.at_period(0.02),
+        point_ahead_m=0.3,
+        system_id=5,
+        source_system=9,
+        origin_m=(1.5, -2.0),
+    )
+
+
+def test_the_guard_builds_its_link_from_the_options():
+    link = make_link(make_bridge("--mavlink-autopilot", "px4")._spec)
+    assert isinstance(link, MavlinkLink)
+    assert link.firmware_timeout_s is None
+
+
+def test_wheels_may_refuse_sideways_velocities():
+    assert options_of(make_bridge("--mavlink-point-ahead", "0")).point_ahead_m == 0.0
+    make_link(make_bridge("--mavlink-point-ahead", "0")._spec)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--mavlink-autopilot", "inav"), "--mavlink-autopilot 'inav' is unknown; choose ardupilot_rover"),
+        (("--mavlink", "tcp:1.2.3.4:5760"), "is no address; write udpin:HOST:PORT"),
+        (("--mavlink-system", "0"), r"--mavlink-system must lie in \[1, 255\], got 0"),
+        (("--mavlink-source-system", "256"), r"--mavlink-source-system must lie in \[1, 255\]"),
+        (("--mavlink-point-ahead", "-0.1"), "--mavlink-point-ahead must be 0 or more"),
+        (("--mavlink-point-ahead", "inf"), "--mavlink-point-ahead must be 0 or more"),
+        (("--mavlink-origin", "nan", "0"), "--mavlink-origin must be two finite numbers"),
+        (("--mavlink-require-signing",), "--mavlink-require-signing needs --mavlink-signing-key FILE"),
+        (("--mavlink-signing-key", "/nowhere/key"), "signing key /nowhere/key: No such file"),
+    ],
+)
+def test_bad_flags_are_one_line_with_the_remedy(flags, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        make_bridge(*flags)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_signing_key_is_checked_at_once_and_used_by_the_link(key):
+    bridge = make_bridge("--mavlink-signing-key", str(key), "--mavlink-require-signing")
+    link = make_link(bridge._spec)
+    link.close()
+    assert (key.parent / "mavlink.key.255-191.timestamp").exists()
+    key.chmod(0o644)
+    with pytest.raises(ConfigError, match="chmod 600"):
+        make_bridge("--mavlink-signing-key", str(key))
+
+
+def test_a_port_that_does_not_exist_stops_the_start():
+    with (
+        pytest.raises(BridgeError, match="--mavlink serial:/dev/nowhere:57600"),
+        make_bridge("--mavlink", "serial:/dev/nowhere:57600"),
+    ):
+        pass
