@@ -26,8 +26,8 @@ def bus_arguments(address: str) -> dict[str, str | int]:
     interface, colon, channel = place.partition(":")
     if not colon:
         interface, channel = "socketcan", place
-    options = dict(parse_qsl(query, strict_parsing=True)) if query else {}
-    if not interface or not channel:
+    options = dict(parse_qsl(query))
+    if not interface or not channel or len(options) != len(query.split("&")) - (not query):
         raise ConfigError(f"--bus {address}: expected can0, or interface:channel such as slcan:/dev/ttyACM0")
     numbers = {key: int(value) if value.isdigit() else value for key, value in options.items()}
     return {"interface": interface, "channel": channel, **numbers}

@@ -5,6 +5,7 @@ Source: the vendor's public ROS driver, limo_base.
 """
 
 import os
+import select
 from collections.abc import Iterator
 
 import serial
@@ -93,10 +94,11 @@ class LimoPort:
 
     def receive(self) -> Iterator[Frame]:
         """Yield the frames that have arrived."""
+        readable, _, _ = select.select((self.fileno(),), (), (), 0.0)
+        if not readable:
+            return
         try:
             received = os.read(self.fileno(), READ_BYTES)
-        except BlockingIOError:
-            return
         except OSError as error:
             raise BridgeError(f"the serial port {self._device} is lost ({error})") from error
         if not received:

@@ -55,6 +55,7 @@ class Loop:
 
     def run(self) -> None:
         """Serve until the guard has finished."""
+        self._tell()
         while not self._guard.finished:
             readable = self._wait()
             if self._runtime.fileno() in readable:
@@ -115,8 +116,8 @@ def serve(link: Link, spec: GuardSpec, runtime: socket.socket, wake: socket.sock
         ConfigError: if the firmware's command timeout does not stop the robot after the guard's death.
     """
     check_firmware_timeout(link, spec.allow_unsafe_firmware_timeout)
-    runtime.send(encode_event(Event(Phase.WATCHING, "open"), time.monotonic()))
     guard = Guard(link, spec)
+    guard.events.append(Event(Phase.WATCHING, "open"))
     try:
         Loop(guard, runtime, wake).run()
     finally:

@@ -1,0 +1,199 @@
+"""The flags of ``--bridge can`` and what they start; then two robots that this project did not write."""
+
+import argparse
+import asyncio
+import contextlib
+import os
+import pty
+import random
+import sys
+import threading
+import time
+import tty
+
+import msgspec
+import pytest
+from can_peers import guard_spec
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import ActionField, Body, Manifest
+from edge_runtime.messages import Command
+from firmware_bridge.can_bridge import add_arguments, open_bridge, options_from
+from firmware_bridge.can_feedback import Pose
+from firmware_bridge.can_frame import Frame
+from firmware_bridge.can_limo import FrameReader, frame_bytes
+from firmware_bridge.can_link import CanOptions
+from firmware_bridge.guard_link import Limits
+from firmware_bridge.guarded_bridge import GuardedBridge
+
+ACTION = (ActionField("x", "N", -1.0, 1.0), ActionField("y", "N", -2.0, 0.5))
+MANIFEST = Manifest(
+    "cfpg-bundle/1",
+    "m",
+    "numpy",
+    (),
+    ACTION,
+    20.0,
+    10,
+    None,
+    Dynamics(1.0, 0.25, 0.1),
+    Body(0.1, 0, 0.0),
+    None,
+    {},
+)
+
+
+def parsed(*flags):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return options_from(parser.parse_args(["--bus", "can0", "--profile", "agilex_v2", *flags]))
+
+
+def specification(*flags, rate_hz=20.0):
+    return open_bridge(2, MANIFEST, parsed(*flags), rate_hz)._spec
+
+
+def test_flags_become_a_specification():
+    spec = specification("--arm", "--pose", "1", "-2", "0.5", "--max-speed", "0.8", "--guard-deadline", "0.2")
+    assert (spec.link, spec.robot_id, spec.arm, spec.deadline_s) == ("can", 2, True, 0.2)
+    assert spec.limits == Limits(0.8, 2.0)
+    options = msgspec.json.decode(spec.options, type=CanOptions)
+    assert options.bus == "can0"
+    assert options.profile.endswith("agilex_v2.toml")
+    assert options.pose == Pose(1.0, -2.0, 0.5)
+
+
+def test_defaults_are_careful():
+    spec = specification()
+    assert not spec.arm
+    assert not spec.allow_unsafe_firmware_timeout
+    assert spec.deadline_s == 0.1
+    assert specification(rate_hz=50.0).deadline_s == pytest.approx(0.06)
+    assert spec.limits.speed_m_s == 1.5
+    assert specification("--allow-unsafe-firmware-timeout").allow_unsafe_firmware_timeout
+
+
+@pytest.mark.parametrize(
+    ("flags", "rate_hz", "said"),
+    [
+        (("--max-speed", "1.6"), 20.0, "--max-speed 1.6: .* at most 1.5 m/s"),
+        (("--max-speed", "0"), 20.0, "--max-speed 0"),
+        (("--max-speed", "nan"), 20.0, "--max-speed nan"),
+        (("--guard-deadline", "0.05"), 20.0, "--guard-deadline 0.05 s does not fit"),
+        (("--guard-deadline", "1.1"), 20.0, "--guard-deadline 1.1 s does not fit"),
+        (("--guard-deadline", "nan"), 20.0, "--guard-deadline nan s does not fit"),
+        ((), 10.0, "--guard-deadline 0.1 s does not fit a control period of 0.1 s"),
+        (("--guard-deadline", "1"), 2.0, "2 Hz is too slow: this firmware stops after 0.5 s"),
+        (("--profile", "scout"), 20.0, "--profile scout: no such profile"),
+    ],
+)
+def test_each_mistake_is_told_before_anything_starts(flags, rate_hz, said):
+    with pytest.raises(ConfigError, match=said):
+        specification(*flags, rate_hz=rate_hz)
+
+
+def drive(bridge, seconds, velocity, arrived):
+    """Command until something is true."""
+    sequence, end = 0, time.monotonic() + seconds
+    while not arrived():
+        bridge.write(Command(3, sequence, time.monotonic(), (0.0, 0.0), velocity))
+        bridge.read()
+        sequence += 1
+        time.sleep(0.02)
+        assert time.monotonic() < end, f"never happened: {bridge.phase}, {bridge.counts}, {bridge.read()}"
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="odrive-can needs Python 3.11")
+def test_two_mock_odrives_drive_and_stop():
+    mock = pytest.importorskip("odrive_can.mock")
+    can = pytest.importorskip("can")
+    channel, port = f"239.75.{random.randrange(256)}.9", random.randrange(43200, 60000)
+    drives = []
+
+    async def play(ending):
+        for axis in (0, 1):
+            drives.append(
+                mock.ODriveCANMock(axis, can.Bus(interface="udp_multicast", channel=channel, port=port))
+            )
+        tasks = [asyncio.create_task(drive.main()) for drive in drives]
+        while not ending.is_set():
+            await asyncio.sleep(0.02)
+        for task in tasks:
+            task.cancel()
+
+    ending = threading.Event()
+    thread = threading.Thread(target=lambda: asyncio.run(play(ending)))
+    thread.start()
+    address = f"udp_multicast:{channel}?port={port}"
+    spec = guard_spec(
+        address, "odrive_cansimple", limits=Limits(1.0, 1.0), allow_unsafe_firmware_timeout=True
+    )
+    try:
+        with GuardedBridge(spec) as bridge:
+            drive(
+                bridge, 20, (0.3, 0.0), lambda: (s := bridge.read()) is not None and s.velocity_m_s[0] > 0.29
+            )
+            assert [drive.odrive.axis_state for drive in drives] == ["CLOSED_LOOP_CONTROL"] * 2
+            assert sum(drive.odrive.model.setpoint for drive in drives) == pytest.approx(
+                0.6 * 1.87241, rel=0.05
+            )
+        end = time.monotonic() + 10
+        while any(drive.odrive.axis_state != "IDLE" for drive in drives) and time.monotonic() < end:
+            time.sleep(0.02)
+        assert [drive.odrive.axis_state for drive in drives] == ["IDLE"] * 2
+        assert [drive.odrive.model.setpoint for drive in drives] == [0.0, 0.0]
+    finally:
+        ending.set()
+        thread.join()
+        for drive_ in drives:
+            drive_.notifier.stop()
+
+
+class Limo:
+    """A Limo at the other end of a pseudo terminal: takes command, reports what it was told to do."""
+
+    def __init__(self) -> None:
+        self.end, self._computer = pty.openpty()
+        tty.setraw(self.end)
+        os.set_blocking(self.end, False)
+        self.port = os.ttyname(self._computer)
+        self.frames: list[Frame] = []
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ending.set()
+        self._thread.join()
+        os.close(self.end)
+        os.close(self._computer)
+
+    def _run(self):
+        reader, mode, motion = FrameReader(), 0, bytes(8)
+        while not self._ending.wait(0.02):
+            with contextlib.suppress(BlockingIOError):
+                for frame in reader.feed(os.read(self.end, 4096)):
+                    self.frames.append(frame)
+                    mode = frame.data[0] if frame.frame_id == 0x421 else mode
+                    motion = frame.data if frame.frame_id == 0x111 else motion
+            for frame in (Frame(0x211, bytes([0, mode, 0, 110, 0, 0, 1, 0])), Frame(0x221, motion)):
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self.end, frame_bytes(frame, 0))
+
+
+def test_a_limo_drives_sideways_over_its_serial_port():
+    with Limo() as limo:
+        with GuardedBridge(guard_spec(limo.port, "agilex_limo", limits=Limits(1.0, 1.0))) as bridge:
+            drive(
+                bridge, 20, (0.0, 0.25), lambda: (s := bridge.read()) is not None and s.position_m[1] > 0.01
+            )
+            assert bridge.read().velocity_m_s == pytest.approx((0.0, 0.25))
+        time.sleep(0.1)
+    assert limo.frames[0] == Frame(0x111, bytes(8))
+    assert limo.frames[1] == Frame(0x421, bytes([1, 0, 1, 0, 0, 0, 0, 0]))
+    assert limo.frames[-4:] == [Frame(0x111, bytes(8))] * 3 + [Frame(0x421, bytes(8))]
+    assert Frame(0x111, bytes.fromhex("0000 0000 00fa 0000")) in limo.frames

@@ -1,0 +1,171 @@
+"""The runtime's side of the socket, against a guard that the test plays."""
+
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from guard_fakes import spec
+
+import firmware_bridge.guarded_bridge as bridge_module
+from edge_runtime.errors import BridgeError
+from edge_runtime.messages import Command, RobotState
+from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard_wire import (
+    Counts,
+    Event,
+    Phase,
+    Report,
+    StopRequest,
+    decode_request,
+    encode_event,
+    encode_report,
+)
+from firmware_bridge.guarded_bridge import GuardedBridge
+
+COMMAND = Command(1, 5, 6.0, (0.1, 0.2), (0.3, 0.4))
+STATE = RobotState(1, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0)
+
+
+class Played:
+    """A guard whose process only sleeps; the test speaks for it on a duplicate of its socket."""
+
+    def __init__(self) -> None:
+        self.socket: socket.socket | None = None
+        self.opening = [Event(Phase.WATCHING, "open")]
+        self.lifetime = "pass"
+
+    def start(self, _, child) -> "subprocess.Popen[bytes]":
+        self.socket = child.dup()
+        for event in self.opening:
+            self.tell(event)
+        if not self.opening:
+            self.socket.close()
+        return subprocess.Popen([sys.executable, "-c", self.lifetime])
+
+    def tell(self, event) -> None:
+        encode = encode_event if isinstance(event, Event) else encode_report
+        self.socket.send(encode(event, 1.0))
+
+    def heard(self):
+        return decode_request(self.socket.recv(512))
+
+
+@pytest.fixture
+def guard(monkeypatch):
+    played = Played()
+    monkeypatch.setattr(bridge_module, "_start_guard", played.start)
+    yield played
+    if played.socket is not None:
+        played.socket.close()
+
+
+@pytest.fixture
+def bridge(guard):  # noqa: ARG001  # what it talks to
+    with GuardedBridge(spec()) as opened:
+        yield opened
+
+
+def test_commands_go_to_the_guard_once(bridge, guard):
+    bridge.write(COMMAND)
+    assert guard.heard() == Setpoint(5, 6.0, (0.1, 0.2), (0.3, 0.4))
+    guard.socket.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        guard.socket.recv(512)
+
+
+def test_states_and_counts_come_back(bridge, guard):
+    assert bridge.name == "can"
+    assert bridge.read() is None
+    guard.tell(Report(Phase.DRIVING, Counts(1, 2, 3, 4, 5), STATE))
+    guard.tell(Report(Phase.DRIVING, Counts(6, 2, 3, 4, 5), None))
+    assert bridge.read() == STATE
+    assert bridge.counts == Counts(6, 2, 3, 4, 5)
+    assert bridge.phase is Phase.DRIVING
+
+
+def test_a_stop_of_the_guard_is_an_error_with_its_first_cause(bridge, guard):
+    guard.tell(Event(Phase.STOPPING, "the cause"))
+    guard.tell(Event(Phase.STOPPED, "stop sequence done"))
+    with pytest.raises(BridgeError, match="the guard stopped the robot: the cause"):
+        bridge.write(COMMAND)
+
+
+def test_a_guard_that_ended_is_an_error(bridge, guard):
+    guard.socket.close()
+    with pytest.raises(BridgeError, match="the guard ended"):
+        bridge.write(COMMAND)
+
+
+def test_a_guard_that_dies_with_words_unread_is_quoted(bridge, guard):
+    guard.tell(Event(Phase.STOPPING, "the cause"))
+    guard.socket.close()
+    with pytest.raises(BridgeError, match="the cause"):
+        bridge.write(COMMAND)
+
+
+def test_a_guard_that_does_not_read_never_blocks_the_runtime(bridge):
+    with pytest.raises(BridgeError, match="does not take commands"):
+        for _ in range(100_000):
+            bridge.write(COMMAND)
+
+
+def test_stop_waits_for_the_end_of_the_sequence(bridge, guard):
+    guard.tell(Event(Phase.DRIVING, "enabled"))
+    guard.tell(Event(Phase.STOPPING, "ordered"))
+    guard.tell(Event(Phase.STOPPED, "stop sequence done"))
+    bridge.stop("ordered")
+    assert bridge.phase is Phase.STOPPED
+
+
+def test_stop_asks_a_driving_guard(bridge, guard, monkeypatch):
+    monkeypatch.setattr(bridge_module, "STOPPING_S", 0.05)
+    with pytest.raises(BridgeError, match=r"did not finish the stop sequence within 0.05 s"):
+        bridge.stop("ordered")
+    assert guard.heard() == StopRequest("ordered")
+
+
+def test_stop_without_a_guard_is_an_error(bridge, guard):
+    guard.socket.close()
+    bridge.read()
+    with pytest.raises(BridgeError, match="the guard ended"):
+        bridge.stop("ordered")
+
+
+def test_a_guard_that_dies_with_commands_unread_resets_the_connection(bridge, guard):
+    bridge.write(COMMAND)
+    guard.socket.close()
+    assert bridge.read() is None
+    with pytest.raises(BridgeError):
+        bridge.stop("ordered")
+
+
+def test_a_guard_that_cannot_start_is_told(guard):
+    guard.opening = [Event(Phase.FAILED, "no such bus")]
+    with pytest.raises(BridgeError, match=r"^no such bus$"), GuardedBridge(spec()):
+        pass
+
+
+def test_a_guard_that_dies_at_once_is_told(guard):
+    guard.opening = []
+    with pytest.raises(BridgeError, match=r"the guard ended"), GuardedBridge(spec()):
+        pass
+
+
+def test_a_guard_that_does_not_end_is_told(guard, monkeypatch):
+    monkeypatch.setattr(bridge_module, "STOPPING_S", 0.05)
+    guard.lifetime = "import time; time.sleep(1)"
+    with pytest.raises(BridgeError, match="did not end within"), GuardedBridge(spec()) as opened:
+        pid = opened.guard_pid
+    assert pid > 0
+    end = time.monotonic() + 10
+    while opened._process.poll() is None and time.monotonic() < end:
+        time.sleep(0.02)
+
+
+def test_a_bridge_that_was_never_opened():
+    bridge = GuardedBridge(spec())
+    with pytest.raises(BridgeError, match="with statement"):
+        _ = bridge.guard_pid
+    bridge.__exit__(None, None, None)
