@@ -38,8 +38,6 @@ COMPANION = 191
 DialectMessage: TypeAlias = Any
 """An object of pymavlink, which has no types."""
 
-_PARAMETER_NAME_BYTES = 16
-
 
 class Tally:
     """How many frames came, and why some were not taken."""
@@ -227,8 +225,9 @@ class Encoder:
                 seven = (*content.parameters, *(0.0,) * (7 - len(content.parameters)))
                 return common.MAVLink_command_long_message(*self._target, content.command, 0, *seven)
             case ParameterRequest():
-                name = content.name.encode("ascii").ljust(_PARAMETER_NAME_BYTES, b"\0")
-                return common.MAVLink_param_request_read_message(*self._target, name, -1)
+                return common.MAVLink_param_request_read_message(
+                    *self._target, content.name.encode("ascii"), -1
+                )
             case TimeSync():
                 return common.MAVLink_timesync_message(content.remote_ns, content.asker_ns)
         return common.MAVLink_heartbeat_message(

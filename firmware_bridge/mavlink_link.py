@@ -33,7 +33,7 @@ from firmware_bridge.mavlink_messages import (
 )
 from firmware_bridge.mavlink_profiles import Mode, Motion, find_profile
 from firmware_bridge.mavlink_setpoint import Follower
-from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict, read_key
+from firmware_bridge.mavlink_signing import Signing, Timestamps, read_key
 from firmware_bridge.mavlink_transport import Transport, open_transport
 from firmware_bridge.mavlink_vehicle import Vehicle
 
@@ -155,14 +155,13 @@ class MavlinkLink:
         """
         transport = self._opened()
         for portion in transport.receive():
-            stale = self.tally.refused[Verdict.REPLAYED]
+            proved = False
             for received in self._decoder.feed(portion):
                 if (received.system_id, received.component_id) == (self._options.system_id, AUTOPILOT):
-                    transport.trust_sender(fresh=True)
+                    proved = True
                     self._take(received, now_s)
-            if self.tally.refused[Verdict.REPLAYED] > stale:
-                # An autopilot without a clock of its own is behind until it has heard one frame of ours.
-                transport.trust_sender(fresh=False)
+            # An autopilot may speak MAVLink 1, or sign with a clock that lags, until it has heard from us.
+            transport.answer_sender(proved)
             if transport.datagrams:
                 self._decoder.end_of_datagram()
 

@@ -40,7 +40,7 @@ class SerialTransport:
         if data:
             yield data
 
-    def trust_sender(self, fresh: bool) -> None:
+    def answer_sender(self, proved: bool) -> None:
         """Nothing to do: a cable has one other end."""
 
     def send(self, frame: bytes) -> bool:

@@ -27,8 +27,8 @@ class Transport(Protocol):
         """Yield what has arrived."""
         ...
 
-    def trust_sender(self, fresh: bool) -> None:
-        """Answer whoever sent the portion yielded last; unless ``fresh``, only if nobody is known yet."""
+    def answer_sender(self, proved: bool) -> None:
+        """Send to whoever sent the last portion, if it ``proved`` to be the autopilot or nobody has."""
         ...
 
     def send(self, frame: bytes) -> bool:
@@ -49,6 +49,7 @@ class UdpTransport:
         address = (host, port)
         self._peer: tuple[str, int] | None = None if listens else address
         self._sender = address
+        self._proved = False
         self._listens = listens
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -76,10 +77,10 @@ class UdpTransport:
                 continue  # An autopilot that is not up yet; its missing heartbeat tells.
             yield data
 
-    def trust_sender(self, fresh: bool) -> None:
-        """Answer there from now on."""
-        if self._listens and (fresh or self._peer is None):
-            self._peer = self._sender
+    def answer_sender(self, proved: bool) -> None:
+        """Send there from now on."""
+        if self._listens and (proved or not self._proved):
+            self._peer, self._proved = self._sender, proved
 
     def send(self, frame: bytes) -> bool:
         """Send one datagram; a full queue or a missing peer drops it."""

@@ -60,7 +60,7 @@ class ScriptedAutopilot:
         """Messages in the order in which they arrived."""
         self.yaw, self.yaw_rate = 0.0, 0.0
         self.boot_offset_s = 50.0
-        self.trusted = []
+        self.proofs = []
         self.odometry = False
         """Whether the state comes as ODOMETRY."""
         self.acknowledges = 0
@@ -75,8 +75,8 @@ class ScriptedAutopilot:
     def fileno(self):
         return self._readable
 
-    def trust_sender(self, fresh):
-        self.trusted.append(fresh)
+    def answer_sender(self, proved):
+        self.proofs.append(proved)
 
     def close(self):
         os.close(self._readable)
@@ -87,7 +87,7 @@ class ScriptedAutopilot:
         self._parser.signing.sign_outgoing = True
 
     def send(self, frame):
-        if not self.trusted:
+        if not self.proofs:
             return False  # A listening port knows nobody to send to.
         try:
             message = self._parser.decode(bytearray(frame))

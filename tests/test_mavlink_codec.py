@@ -140,6 +140,12 @@ class TestCutting:
         data = noise + vehicle_frame(local_position()) + bytes(300)
         assert [r.content for r in decoder.feed(data)] == [content(local_position())]
 
+    def test_a_stretch_of_noise_is_one_damage(self):
+        decoder = Decoder()
+        assert len(list(decoder.feed(bytes(50) + vehicle_frame(local_position())))) == 1
+        list(decoder.feed(bytes(7)))
+        assert decoder.tally.damaged == 2
+
     def test_a_wrong_checksum_is_damage(self):
         frame = bytearray(vehicle_frame(local_position()))
         frame[-1] ^= 1
@@ -279,6 +285,7 @@ class TestWriting:
         assert (message.base_mode, message.custom_mode, message.system_status) == (0, 0, 4)
         assert message.mavlink_version == 3
         assert (message.get_srcSystem(), message.get_srcComponent()) == (255, COMPANION)
+        assert common.MAV_COMP_ID_ONBOARD_COMPUTER == COMPANION
 
     def test_sequence_numbers_count_and_wrap(self):
         encoder = Encoder(255, (1, 1))
@@ -293,7 +300,10 @@ class TestSigned:
         oracle = common.MAVLink(None)
         oracle.signing.secret_key = KEY
         encoder = Encoder(255, (1, 1), signing)
+        start = signing.timestamps.last
         frames = [encoder.encode(Beat(), 0.0) for _ in range(3)]
+        ticks = [int.from_bytes(frame[-12:-6], "little") for frame in frames]
+        assert start < ticks[0] < ticks[1] < ticks[2] == signing.timestamps.last
         assert all(oracle.decode(bytearray(frame)).get_signed() for frame in frames)
         with pytest.raises(common.MAVError, match="signature"):
             oracle.decode(bytearray(frames[0]))

@@ -283,7 +283,8 @@ class TestSigning:
         link.keepalive(True, clock.now_s)
         assert autopilot.setpoints()[-1].get_signed()
         assert autopilot.heard[-1].get_signed()
-        assert autopilot.trusted[0] == (ahead_s > 0), "only a fresh frame earns more than a first answer"
+        assert autopilot.proofs[0] == (ahead_s > 0), "a frame older than our start proves nothing"
+        assert autopilot.proofs[-1]
         link.close()
 
     def test_an_autopilot_that_does_not_sign_is_not_heard(self, open_signed):
@@ -315,7 +316,7 @@ class TestOtherWays:
 
     def test_what_was_said_to_nobody_is_not_counted_as_dropped(self, connect):
         link, autopilot = connect("px4")
-        assert autopilot.trusted
+        assert autopilot.proofs
         assert link.dropped() == 0
 
     def test_a_refusal_without_words_is_told_by_its_number(self, connect, clock):

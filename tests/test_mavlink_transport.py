@@ -78,45 +78,45 @@ def test_what_is_no_address_is_refused_with_the_forms(address):
 
 
 class TestUdp:
-    def test_a_listener_answers_only_whom_it_trusts(self, listening, robot):
+    def test_a_listener_answers_once_it_is_told_whom(self, listening, robot):
         assert not listening.send(b"nobody is known yet")
         robot.send(b"first")
         assert received(listening) == [b"first"]
-        assert not listening.send(b"not yet trusted")
-        listening.trust_sender(fresh=True)
+        assert not listening.send(b"not yet told")
+        listening.answer_sender(proved=True)
         assert listening.send(b"hello")
         assert robot.recv(100) == b"hello"
 
     def test_a_stranger_does_not_divert_the_answers(self, listening, robot):
         robot.send(b"first")
         received(listening)
-        listening.trust_sender(fresh=True)
+        listening.answer_sender(proved=True)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"noise", robot.getpeername())
             assert received(listening) == [b"noise"]
         assert listening.send(b"hello")
         assert robot.recv(100) == b"hello"
 
-    def test_a_stale_sender_is_only_answered_while_nobody_better_is_known(self, listening, robot):
+    def test_who_proved_nothing_is_only_answered_until_somebody_did(self, listening, robot):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as replayer:
             replayer.settimeout(2.0)
             replayer.sendto(b"recorded", robot.getpeername())
             received(listening)
-            listening.trust_sender(fresh=False)
+            listening.answer_sender(proved=False)
             listening.send(b"hello")
             assert replayer.recv(100) == b"hello"
             robot.send(b"fresh")
             received(listening)
-            listening.trust_sender(fresh=True)
+            listening.answer_sender(proved=True)
             replayer.sendto(b"recorded", robot.getpeername())
             received(listening)
-            listening.trust_sender(fresh=False)
+            listening.answer_sender(proved=False)
             listening.send(b"again")
         assert robot.recv(100) == b"again"
 
     def test_a_caller_sends_first_and_keeps_its_peer(self, robot):
         transport = open_transport(f"udpout:127.0.0.1:{robot.getsockname()[1]}")
-        transport.trust_sender(fresh=True)
+        transport.answer_sender(proved=True)
         assert transport.send(b"hello")
         data, address = robot.recvfrom(100)
         robot.sendto(b"answer", address)
@@ -153,7 +153,7 @@ class TestSerial:
         assert list(transport.receive()) == []
         os.write(controller, b"from the autopilot")
         assert received(transport) == [b"from the autopilot"]
-        transport.trust_sender(fresh=True)
+        transport.answer_sender(proved=True)
         assert transport.send(b"to it")
         assert os.read(controller, 100) == b"to it"
         assert not transport.datagrams
