@@ -71,7 +71,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--policy", type=Path, help="a bundle directory; default: the packaged one")
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--modes", nargs="*", default=["none", "hierarchical", "cone", "yielding"])
+    parser.add_argument("--modes", nargs="*", default=["none", "hierarchical", "cone", "terminal"])
     parser.add_argument("--scales", nargs="*", type=float, default=[10.0], help="guidance scales eta")
     parser.add_argument("--noise", nargs="*", type=float, default=[0.0, 1.0], help="start noise")
     parser.add_argument("--json", type=Path, default=RESULTS)

@@ -261,18 +261,18 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     PyObject *array;
     Py_buffer buffer;
     Term terms[MAX_TERMS];
-    int mode, count;
+    int projection, count;
     double x, y, left_s;
-    if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &mode, &count, &array, &x, &y, &left_s))
+    if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &projection, &count, &array, &x, &y, &left_s))
         return NULL;
-    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || mode < NONE || mode > YIELDING)
+    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < NONE || projection > CONE)
         return PyErr_Format(PyExc_ValueError, "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
     if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS) < 0)
         return NULL;
     const double *next = buffer.buf, *end = next + buffer.len / sizeof(double);
     for (int m = 0; m < count && next != NULL; m++)
         next = read_term(next, end, &terms[m]);
-    const Sample sample = next ? sample_guided(net, (Mode)mode, terms, count, (Vector2){x, y}, left_s) : (Sample){0};
+    const Sample sample = next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s) : (Sample){0};
     PyBuffer_Release(&buffer);
     if (next == NULL)
         return PyErr_Format(PyExc_ValueError, "the terms end early");
@@ -286,7 +286,7 @@ static PyMethodDef network_methods[] = {
     {"observe", (PyCFunction)network_observe, METH_O, "observe(observation): float32 (B, O)"},
     {"step", (PyCFunction)network_step, METH_VARARGS, "step(k, action, result): float32 (B, d), (B, 1 + d, d)"},
     {"sample", (PyCFunction)network_sample, METH_VARARGS,
-     "sample(mode, count, terms, start, left_s) -> (action, steps, projections, fault, costs)"},
+     "sample(projection, count, terms, start, left_s) -> (action, steps, projections, fault, costs)"},
     {0}};
 
 static PyTypeObject network_type = {

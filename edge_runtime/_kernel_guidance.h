@@ -17,7 +17,7 @@ typedef struct {
 } Vector2;
 
 typedef enum { SPEED_LIMIT, SAFETY_MARGIN } Kind;
-typedef enum { NONE, HIERARCHICAL, CONE, YIELDING } Mode;
+typedef enum { NONE, HIERARCHICAL, CONE } Projection;
 
 /* One objective in one tick. */
 typedef struct {
@@ -133,22 +133,13 @@ static bool project_onto_cone(const Vector2 *gradients, int count, Vector2 *guid
     return true;
 }
 
-static bool forbid_reversal(Vector2 nominal, Vector2 *guidance)
-{
-    const double square = dot2(nominal, nominal), reversal = dot2(*guidance, nominal) + square;
-    if (reversal >= 0.0 || square == 0.0)
-        return false;
-    *guidance = add_scaled(*guidance, -reversal / square, nominal);
-    return true;
-}
-
-static bool combine(Mode mode, const Vector2 *gradients, const double *factors, int count, Vector2 nominal, Vector2 *guidance)
+static bool combine(Projection projection, const Vector2 *gradients, const double *factors, int count, Vector2 nominal, Vector2 *guidance)
 {
     *guidance = (Vector2){0.0, 0.0};
     for (int m = 0; m < count; m++)
         *guidance = add_scaled(*guidance, factors[m], gradients[m]);
     bool changed = false;
-    switch (mode) {
+    switch (projection) {
     case NONE:
         break;
     case HIERARCHICAL:
@@ -157,10 +148,6 @@ static bool combine(Mode mode, const Vector2 *gradients, const double *factors, 
         break;
     case CONE:
         changed = project_onto_cone(gradients, count, guidance);
-        break;
-    case YIELDING:
-        changed = project_onto_cone(gradients, count, guidance);
-        changed |= forbid_reversal(nominal, guidance);
     }
     return changed;
 }
@@ -173,7 +160,7 @@ static double seconds(void)
 }
 
 /* T Euler steps, or as many as fit in the time left; guidance.py's guided_action for batch 1 and d = 2. */
-static Sample sample_guided(Network *net, Mode mode, const Term *terms, int count, Vector2 action, double left_s)
+static Sample sample_guided(Network *net, Projection projection, const Term *terms, int count, Vector2 action, double left_s)
 {
     Sample sample = {.fault = -1};
     const double begin = seconds();
@@ -201,7 +188,7 @@ static Sample sample_guided(Network *net, Mode mode, const Term *terms, int coun
                 factors[steering++] = terms[m].factor;
             }
         }
-        sample.projections += combine(mode, gradients, factors, steering, velocity, &guidance);
+        sample.projections += combine(projection, gradients, factors, steering, velocity, &guidance);
         sample.action = action = add_scaled(action, 1.0 / net->euler_steps, add_scaled(velocity, 1.0, guidance));
         sample.steps = k + 1;
         const double before = now;

@@ -6,6 +6,14 @@ At flow time tau = k / T, with velocity v and its Jacobian V from one pass throu
     g_m   = -(I + (1 - tau) V)^T grad J_m(a_hat)   eq. 11
     a    <- a + (v + combine(eta lambda, g, v)) / T
 
+Taken literally, eq. 15 forbids braking: once guidance has moved the action, the flow pulls it back, so what
+brakes opposes v and is removed. Mode ``terminal`` keeps the paper's projections while the action is still
+being generated and, at tau = 1, where no flow is left to protect, moves the finished action once more,
+
+    a <- a + cone(lambda / max lambda, -grad J(a)),
+
+a full Newton step for costs in squared action units, whatever eta and however contracted the flow.
+
 ``guided_action`` serves one planar robot and is the control loop's; ``guided_actions`` serves B robots of
 an evaluation. They compute the same, and a test holds them together.
 """
@@ -13,6 +21,7 @@ an evaluation. They compute the same, and a test holds them together.
 import math
 import time
 from collections.abc import Sequence
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,8 +32,11 @@ from edge_runtime.kernel import MAX_TERMS, CompiledPolicy, encodable, encode
 from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
-from edge_runtime.projection import BATCH, PLANAR, Mode, weighted_sum
-from edge_runtime.scene import Floats, Motion, OutlookBatch, TeamBatch, look_ahead, look_ahead_batch
+from edge_runtime.projection import BATCH, PLANAR, Projection, cone, cone_batch, weighted_sum
+from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch, TeamBatch, look_ahead, look_ahead_batch
+
+Mode = Literal["none", "hierarchical", "cone", "terminal"]
+"""``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""
 
 
 class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -34,11 +46,11 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         ValueError: if the scale or the start noise is negative or not finite.
     """
 
-    mode: Mode = "cone"
+    mode: Mode = "terminal"
     scale: float = 10.0
     """eta of eq. 10."""
-    start_noise: float = 0.0
-    """Deviation of the Gaussian that the flow starts from; 0 starts at the mean, 1 is the paper's prior."""
+    start_noise: float = 1.0
+    """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
 
     def __post_init__(self) -> None:
         for field in ("scale", "start_noise"):
@@ -63,11 +75,15 @@ class Guide:
         self.objectives = tuple(active)
         self.previews = tuple(dynamics.preview(objective.look_ahead) for objective in active)
         self.factors = tuple(settings.scale * objective.weight for objective in active)
-        self.mode = settings.mode
+        self.projection: Projection = "hierarchical" if settings.mode == "terminal" else settings.mode
+        self.combine = PLANAR[self.projection]
+        self.combine_batch = BATCH[self.projection]
+        greatest = max((objective.weight for objective in active), default=1.0)
+        self.shares = tuple(objective.weight / greatest for objective in active)
+        self.corrects = settings.mode == "terminal" and bool(active)
+        """Whether the finished action is corrected at tau = 1."""
         self.native = len(active) <= MAX_TERMS and all(map(encodable, active))
         """Whether the compiled kernel can run the whole flow."""
-        self.combine = PLANAR[settings.mode]
-        self.combine_batch = BATCH[settings.mode]
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):
@@ -77,7 +93,7 @@ class GuidedAction(msgspec.Struct, frozen=True, gc=False):
     steps: int
     """Euler steps completed; fewer than T if the deadline came first."""
     costs: tuple[float, ...] = ()
-    """Each active objective's cost at the last terminal estimate."""
+    """Each active objective's cost where it was evaluated last: the newest terminal estimate."""
     projections: int = 0
     """Steps in which the projection changed the guidance."""
     fault: str = ""
@@ -109,12 +125,19 @@ def guided_action(
     if not math.isfinite(observation.sum()):
         return _refused(0, "the observation is not finite")
     policy.observe(observation)
+    outlooks = [look_ahead(team, preview) for preview in guide.previews]
     if guide.native and isinstance(policy, CompiledPolicy):
-        return _guided_action_compiled(policy, team, guide, start, deadline_s)
-    bound = [
-        (objective.evaluate, look_ahead(team, preview), preview.position_gain, preview.velocity_gain, factor)
-        for objective, preview, factor in zip(guide.objectives, guide.previews, guide.factors, strict=True)
-    ]
+        sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s)
+    else:
+        sampled = _flow(policy, outlooks, guide, start, deadline_s)
+    return _corrected(sampled, outlooks, guide) if guide.corrects and not sampled.fault else sampled
+
+
+def _flow(
+    policy: VelocityField, outlooks: Sequence[Outlook], guide: Guide, start: Vector2, deadline_s: float
+) -> GuidedAction:
+    """Take the Euler steps; the observation is set already."""
+    bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True))
     (ax, ay), total, projections = start, policy.euler_steps, 0
     costs: list[float] = []
     now, longest = time.monotonic(), 0.0
@@ -124,13 +147,10 @@ def guided_action(
         hx, hy = ax + left * vx, ay + left * vy
         gradients, factors = [], []
         costs.clear()
-        for evaluate, outlook, shift, push, factor in bound:
-            x, y, sx, sy = outlook.drift
-            motion = Motion(x + shift * hx, y + shift * hy, sx + push * hx, sy + push * hy)
-            cost, d_x, d_y, d_vx, d_vy = evaluate(motion, outlook)
-            gx, gy = shift * d_x + push * d_vx, shift * d_y + push * d_vy
+        for objective, outlook, factor in bound:
+            cost, gx, gy = _action_slope(objective, outlook, hx, hy)
             if not math.isfinite(gx + gy):
-                return _refused(k, f"the gradient of {guide.objectives[len(costs)].name} is not finite")
+                return _refused(k, f"the gradient of {objective.name} is not finite")
             costs.append(cost)
             if gx or gy:
                 gradients.append((-gx - left * (jxx * gx + jxy * gy), -gy - left * (jyx * gx + jyy * gy)))
@@ -146,25 +166,47 @@ def guided_action(
         if now + longest > deadline_s:
             ax, ay = hx + ex / total, hy + ey / total
             break
-    if not math.isfinite(ax + ay):
-        return _refused(k + 1, "the policy's velocity is not finite")
-    return GuidedAction((ax, ay), k + 1, tuple(costs), projections)
+    return _finished((ax, ay), k + 1, tuple(costs), projections)
 
 
-def _guided_action_compiled(
-    policy: CompiledPolicy, team: TeamState, guide: Guide, start: Vector2, deadline_s: float
+def _flow_compiled(
+    policy: CompiledPolicy, outlooks: Sequence[Outlook], guide: Guide, start: Vector2, deadline_s: float
 ) -> GuidedAction:
-    """The loop of `guided_action` in the compiled kernel; the observation is set already."""
-    terms = [
-        encode(objective, look_ahead(team, preview), factor)
-        for objective, preview, factor in zip(guide.objectives, guide.previews, guide.factors, strict=True)
-    ]
-    sample = policy.sample(guide.mode, terms, start, deadline_s - time.monotonic())
+    """`_flow` in the compiled kernel."""
+    terms = [encode(*term) for term in zip(guide.objectives, outlooks, guide.factors, strict=True)]
+    sample = policy.sample(guide.projection, terms, start, deadline_s - time.monotonic())
     if sample.fault >= 0:
         return _refused(sample.steps, f"the gradient of {guide.objectives[sample.fault].name} is not finite")
-    if not math.isfinite(sum(sample.action)):
-        return _refused(sample.steps, "the policy's velocity is not finite")
-    return GuidedAction(sample.action, sample.steps, sample.costs, sample.projections)
+    return _finished(sample.action, sample.steps, sample.costs, sample.projections)
+
+
+def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
+    """Move a finished action once along the objectives' common descent, at tau = 1."""
+    ax, ay = sampled.action
+    gradients, costs = [], []
+    for objective, outlook in zip(guide.objectives, outlooks, strict=True):
+        cost, gx, gy = _action_slope(objective, outlook, ax, ay)
+        if not math.isfinite(gx + gy):
+            return _refused(sampled.steps, f"the gradient of {objective.name} is not finite")
+        costs.append(cost)
+        gradients.append((-gx, -gy))
+    x, y = cone(gradients, guide.shares, (0.0, 0.0))
+    return _finished((ax + x, ay + y), sampled.steps, tuple(costs), sampled.projections)
+
+
+def _action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) -> tuple[float, float, float]:
+    """Cost of an action and its derivatives, through the dynamics preview."""
+    x, y, vx, vy = outlook.drift
+    shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
+    motion = Motion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
+    cost, d_x, d_y, d_vx, d_vy = objective.evaluate(motion, outlook)
+    return cost, shift * d_x + push * d_vx, shift * d_y + push * d_vy
+
+
+def _finished(action: Vector2, steps: int, costs: tuple[float, ...], projections: int) -> GuidedAction:
+    if not math.isfinite(action[0] + action[1]):
+        return _refused(steps, "the policy's velocity is not finite")
+    return GuidedAction(action, steps, costs, projections)
 
 
 def _refused(steps: int, fault: str) -> GuidedAction:
@@ -193,24 +235,24 @@ def guided_actions(
         guidance = np.zeros_like(action)
         if outlooks:
             estimate = action + left * velocity
-            slopes = [
-                _action_slope(objective, outlook, estimate)
-                for objective, outlook in zip(guide.objectives, outlooks, strict=True)
-            ]
-            gradients = np.stack(slopes)
+            gradients = _action_slopes(guide, outlooks, estimate)
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
             guidance = guide.combine_batch(gradients, factors, velocity)
         action += (velocity + guidance) / total
+    if guide.corrects:
+        descent = -_action_slopes(guide, outlooks, action)
+        action += cone_batch(descent, np.array(guide.shares), np.zeros_like(action))
     return action
 
 
-def _action_slope(objective: Objective, outlook: OutlookBatch, estimate: Floats) -> Floats:
-    """dJ/da_hat (B, d) through the dynamics preview."""
-    shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-    planar = estimate[:, :2]
-    slope = objective.evaluate_batch(
-        outlook.drift_position_m + shift * planar, outlook.drift_velocity_m_s + push * planar, outlook
-    )
-    gradient = np.zeros_like(estimate)
-    gradient[:, :2] = shift * slope.d_position + push * slope.d_velocity
-    return gradient
+def _action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
+    """dJ_m/da (M, B, d) of B actions, through the dynamics previews."""
+    gradients = np.zeros((len(outlooks), *action.shape))
+    planar = action[:, :2]
+    for gradient, objective, outlook in zip(gradients, guide.objectives, outlooks, strict=True):
+        shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
+        slope = objective.evaluate_batch(
+            outlook.drift_position_m + shift * planar, outlook.drift_velocity_m_s + push * planar, outlook
+        )
+        gradient[:, :2] = shift * slope.d_position + push * slope.d_velocity
+    return gradients

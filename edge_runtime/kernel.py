@@ -16,11 +16,11 @@ import numpy.typing as npt
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector2
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.projection import Mode
+from edge_runtime.projection import Projection
 from edge_runtime.scene import Outlook
 from edge_runtime.weights import Array, FlowWeights
 
-MODES: Final[tuple[Mode, ...]] = ("none", "hierarchical", "cone", "yielding")
+PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")
 """In the order of the enumeration in ``_kernel_guidance.h``."""
 MAX_TERMS: Final = 32
 
@@ -42,7 +42,7 @@ class _Network(Protocol):
     def observe(self, observation: Array) -> None: ...
     def step(self, k: int, action: Array, result: Array) -> None: ...
     def sample(
-        self, mode: int, count: int, terms: "array[float]", start: Vector2, left_s: float
+        self, projection: int, count: int, terms: "array[float]", start: Vector2, left_s: float
     ) -> tuple[Vector2, int, int, int, tuple[float, ...]]: ...
 
 
@@ -125,17 +125,21 @@ class CompiledPolicy:
         self._network.step(k, self._action, self._result)
         return self._velocity_and_tangents
 
-    def sample(self, mode: Mode, terms: Sequence[Sequence[float]], start: Vector2, left_s: float) -> Sample:
+    def sample(
+        self, projection: Projection, terms: Sequence[Sequence[float]], start: Vector2, left_s: float
+    ) -> Sample:
         """Flow one planar robot's action through all T steps, for the observation set before.
 
         Args:
-            mode: how conflicts are resolved.
+            projection: how conflicts are resolved.
             terms: M encoded objectives, see `encode`.
             start: the flow's start.
             left_s: seconds from now by which the action is needed; may be infinite.
         """
         numbers = array("d", [number for term in terms for number in term])
-        return Sample(*self._network.sample(MODES.index(mode), len(terms), numbers, start, left_s))
+        return Sample(
+            *self._network.sample(PROJECTIONS.index(projection), len(terms), numbers, start, left_s)
+        )
 
 
 def encodable(objective: Objective) -> bool:

@@ -1,7 +1,7 @@
 """How the objectives' descent directions become one guidance vector (paper, section IV-C).
 
-Each mode exists twice with the same result: for one robot in the plane in Python floats, which is fastest
-for two numbers, and for B robots of any action size in numpy. Both take
+Each projection exists twice with the same result: for one robot in the plane in Python floats, which is
+fastest for two numbers, and for B robots of any action size in numpy. Both take
 
 - the descent directions g_m = -grad J_m, pulled back to the flow's action,
 - their factors eta lambda_m (projections are homogeneous, so the scale can go in first),
@@ -9,15 +9,13 @@ for two numbers, and for B robots of any action size in numpy. Both take
 
 and return the guidance to add to v.
 
-Modes:
+Projections:
     none: the weighted sum; every objective pulls as it likes.
     hierarchical: the paper's. Eq. 14 removes from each g_m what opposes another g_n (n ascending, against
         the original g_n; for two objectives the order has no influence), then eq. 15 removes from the sum
         what opposes v. Keeps Proposition 3; keeps Proposition 2 before eq. 15 for M = 2.
     cone: the point of the common descent cone {x : g_m . x >= 0 for all m} nearest to the weighted sum,
         exact. Keeps Proposition 2 for every M.
-    yielding: as cone, then the part that opposes v may cancel v but not reverse it,
-        (v + guidance) . v >= 0. Eq. 15 demands >= |v|^2 there, which forbids braking.
 """
 
 import itertools
@@ -30,7 +28,7 @@ import numpy as np
 from edge_runtime.messages import Vector2
 from edge_runtime.scene import Floats
 
-Mode = Literal["none", "hierarchical", "cone", "yielding"]
+Projection = Literal["none", "hierarchical", "cone"]
 PlanarCombine = Callable[[Sequence[Vector2], Sequence[float], Vector2], Vector2]
 BatchCombine = Callable[[Floats, Floats, Floats], Floats]
 
@@ -39,7 +37,7 @@ _FEASIBLE = -1e-12
 
 
 def weighted_sum(gradients: Sequence[Vector2], factors: Sequence[float], _nominal: Vector2) -> Vector2:
-    """Mode ``none`` for one planar robot."""
+    """Projection ``none`` for one planar robot."""
     x = y = 0.0
     for (gx, gy), factor in zip(gradients, factors, strict=True):
         x += factor * gx
@@ -74,12 +72,12 @@ def project_onto_nominal(guidance: Vector2, nominal: Vector2) -> Vector2:
 
 
 def hierarchical(gradients: Sequence[Vector2], factors: Sequence[float], nominal: Vector2) -> Vector2:
-    """Mode ``hierarchical`` for one planar robot: eqs. 14 and 15."""
+    """Projection ``hierarchical`` for one planar robot: eqs. 14 and 15."""
     return project_onto_nominal(harmonize(gradients, factors), nominal)
 
 
 def cone(gradients: Sequence[Vector2], factors: Sequence[float], nominal: Vector2) -> Vector2:
-    """Mode ``cone`` for one planar robot.
+    """Projection ``cone`` for one planar robot.
 
     In the plane the nearest point is the sum itself, its projection onto one gradient's normal line, or
     the origin. All lines pass the origin, so among projections the longest is the nearest.
@@ -104,19 +102,8 @@ def _descends(x: float, y: float, gradients: Sequence[Vector2]) -> bool:
     return all(x * gx + y * gy >= _FEASIBLE * length * math.hypot(gx, gy) for gx, gy in gradients)
 
 
-def yielding(gradients: Sequence[Vector2], factors: Sequence[float], nominal: Vector2) -> Vector2:
-    """Mode ``yielding`` for one planar robot."""
-    x, y = cone(gradients, factors, nominal)
-    vx, vy = nominal
-    square = vx * vx + vy * vy
-    reversal = x * vx + y * vy + square
-    if reversal >= 0.0 or square == 0.0:
-        return x, y
-    return x - reversal / square * vx, y - reversal / square * vy
-
-
 def weighted_sum_batch(gradients: Floats, factors: Floats, _nominal: Floats) -> Floats:
-    """Mode ``none``: gradients (M, B, d), factors (M,), nominal (B, d) -> (B, d)."""
+    """Projection ``none``: gradients (M, B, d), factors (M,), nominal (B, d) -> (B, d)."""
     return np.einsum("m,mbd->bd", factors, gradients)
 
 
@@ -145,12 +132,12 @@ def _opposing(vector: Floats, other: Floats, square: Floats) -> Floats:
 
 
 def hierarchical_batch(gradients: Floats, factors: Floats, nominal: Floats) -> Floats:
-    """Mode ``hierarchical``: (M, B, d), (M,), (B, d) -> (B, d)."""
+    """Projection ``hierarchical``: (M, B, d), (M,), (B, d) -> (B, d)."""
     return project_onto_nominal_batch(harmonize_batch(gradients, factors), nominal)
 
 
 def cone_batch(gradients: Floats, factors: Floats, nominal: Floats) -> Floats:
-    """Mode ``cone``: (M, B, d), (M,), (B, d) -> (B, d).
+    """Projection ``cone``: (M, B, d), (M,), (B, d) -> (B, d).
 
     The nearest point of a polyhedral cone lies on the face where some set of constraints is tight. All
     sets of up to min(M, d) constraints are tried; among the feasible candidates the nearest wins.
@@ -184,24 +171,13 @@ def _project_off(target: Floats, directions: Floats) -> Floats:
     return target - along[..., 0]
 
 
-def yielding_batch(gradients: Floats, factors: Floats, nominal: Floats) -> Floats:
-    """Mode ``yielding``: (M, B, d), (M,), (B, d) -> (B, d)."""
-    guidance = cone_batch(gradients, factors, nominal)
-    square = np.square(nominal).sum(-1)
-    reversal = np.minimum((guidance * nominal).sum(-1) + square, 0.0)
-    share = np.divide(reversal, square, out=np.zeros_like(square), where=square > 0.0)
-    return guidance - share[:, None] * nominal
-
-
-PLANAR: dict[Mode, PlanarCombine] = {
+PLANAR: dict[Projection, PlanarCombine] = {
     "none": weighted_sum,
     "hierarchical": hierarchical,
     "cone": cone,
-    "yielding": yielding,
 }
-BATCH: dict[Mode, BatchCombine] = {
+BATCH: dict[Projection, BatchCombine] = {
     "none": weighted_sum_batch,
     "hierarchical": hierarchical_batch,
     "cone": cone_batch,
-    "yielding": yielding_batch,
 }

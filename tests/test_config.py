@@ -58,9 +58,9 @@ def test_a_fleet_of_defaults(write):
 
 def test_objectives_with_guidance(write):
     objective = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 1\nweight = 2\n'
-    steering = load_steering(write(objective + '[guidance]\nmode = "yielding"\nscale = 3'))
+    steering = load_steering(write(objective + '[guidance]\nmode = "none"\nscale = 3'))
     assert steering.objectives == (SpeedLimit(limit_m_s=1.0, weight=2.0),)
-    assert steering.guidance == GuidanceSettings(mode="yielding", scale=3.0)
+    assert steering.guidance == GuidanceSettings(mode="none", scale=3.0)
 
 
 def test_an_own_objective_beside_its_file(write, tmp_path):

@@ -3,6 +3,7 @@
 import itertools
 import math
 import time
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,11 +11,10 @@ import scipy.integrate
 from conftest import random_weights
 
 from edge_runtime.dynamics import Dynamics
-from edge_runtime.guidance import GuidanceSettings, Guide, guided_action, guided_actions
+from edge_runtime.guidance import GuidanceSettings, Guide, Mode, guided_action, guided_actions
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import Objective, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.policy import FlowPolicy
-from edge_runtime.projection import PLANAR
 from edge_runtime.scene import TeamBatch
 
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
@@ -50,7 +50,7 @@ def as_batch(teams) -> TeamBatch:
     )
 
 
-@pytest.mark.parametrize("mode", sorted(PLANAR))
+@pytest.mark.parametrize("mode", get_args(Mode))
 def test_batch_and_single_agree(mode):
     draw = np.random.default_rng(5)
     weights = random_weights(seed=2)
@@ -148,7 +148,7 @@ def test_theorem_1_guidance_trades_cost_against_likelihood():
 def test_a_late_tick_returns_the_newest_estimate():
     weights, draw = random_weights(), np.random.default_rng(0)
     team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
-    guide = Guide(GuidanceSettings(scale=1.0), OBJECTIVES[:2], DYNAMICS)
+    guide = Guide(GuidanceSettings(mode="cone", scale=1.0), OBJECTIVES[:2], DYNAMICS)
     policy = FlowPolicy(weights, 10)
     late = guided_action(policy, observation, team, guide, deadline_s=time.monotonic() - 1.0)
     assert late.steps == 1
@@ -157,11 +157,44 @@ def test_a_late_tick_returns_the_newest_estimate():
         FlowPolicy(weights, 1),
         observation,
         team,
-        Guide(GuidanceSettings(scale=0.1), OBJECTIVES[:2], DYNAMICS),
+        Guide(GuidanceSettings(mode="cone", scale=0.1), OBJECTIVES[:2], DYNAMICS),
     )
     # At tau = 0 the estimate plus a tenth of the guidance is one Euler step at a tenth of the scale.
     assert late.action == pytest.approx(one_step.action, abs=1e-6)
     assert guided_action(policy, observation, team, guide, deadline_s=math.inf).steps == 10
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 10.0])
+def test_the_terminal_correction_brakes_whatever_the_scale(scale):
+    """Where eq. 15 leaves a robot speeding, the correction at tau = 1 meets the limit exactly."""
+    draw, limit = np.random.default_rng(3), SpeedLimit(limit_m_s=0.2, buffer_m_s=0.01)
+    policy, preview = FlowPolicy(random_weights(seed=4), 10), DYNAMICS.preview(1)
+    speeding = 0
+    for _ in range(50):
+        team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
+
+        def next_speed(mode, team=team, observation=observation):
+            guide = Guide(GuidanceSettings(mode=mode, scale=scale), [limit], DYNAMICS)
+            action = guided_action(policy, observation, team, guide).action
+            return np.linalg.norm(
+                preview.velocity_decay * np.array(team.own.velocity_m_s)
+                + preview.velocity_gain * np.array(action)
+            )
+
+        speeding += next_speed("hierarchical") > limit.limit_m_s
+        assert next_speed("terminal") <= limit.limit_m_s - limit.buffer_m_s + 1e-9
+    assert speeding > 0
+
+
+def test_the_terminal_correction_leaves_kept_objectives_alone():
+    draw = np.random.default_rng(3)
+    policy, team = FlowPolicy(random_weights(), 10), random_team(draw)
+    observation, kept = draw.standard_normal((1, 18)).astype(np.float32), [SpeedLimit(limit_m_s=50.0)]
+    actions = [
+        guided_action(policy, observation, team, Guide(GuidanceSettings(mode=mode), kept, DYNAMICS)).action
+        for mode in ("none", "terminal")
+    ]
+    assert actions[0] == actions[1]
 
 
 class Faulty(Objective, frozen=True, kw_only=True, tag="faulty"):

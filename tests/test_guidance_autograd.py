@@ -18,7 +18,9 @@ import torch_oracle  # noqa: E402
 
 COSTS = {"speed_limit": torch_oracle.speed_cost, "safety_margin": torch_oracle.margin_cost}
 CASES = list(
-    itertools.product(["silu", "tanh"], [1, 2, 3, 4], [1, 2, 5, 10, 20], ["none", "hierarchical", "cone"])
+    itertools.product(
+        ["silu", "tanh"], [1, 2, 3, 4], [1, 2, 5, 10, 20], ["none", "hierarchical", "cone", "terminal"]
+    )
 )
 
 

@@ -18,7 +18,6 @@ from edge_runtime.projection import (
     hierarchical,
     hierarchical_batch,
     project_onto_nominal,
-    yielding,
 )
 
 numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
@@ -64,13 +63,6 @@ def test_proposition_3_never_opposes_the_nominal_flow(problem):
     vx, vy = problem[2]
     square = vx * vx + vy * vy
     assert (vx + x) * vx + (vy + y) * vy >= square - 1e-9 * max(1.0, square, abs(x), abs(y))
-
-
-@given(problems())
-def test_yielding_never_reverses_the_nominal_flow(problem):
-    x, y = yielding(*problem)
-    vx, vy = problem[2]
-    assert (vx + x) * vx + (vy + y) * vy >= -1e-9 * max(1.0, vx * vx + vy * vy, abs(x), abs(y))
 
 
 @given(problems(), st.sampled_from(sorted(PLANAR)))
