@@ -27,7 +27,7 @@ from firmware_bridge.mavlink_messages import (
     Target,
     TimeSync,
 )
-from firmware_bridge.mavlink_signing import LINK_ID, SIGNATURE_BYTES, SIGNED_FLAG, Signing, Verdict
+from firmware_bridge.mavlink_signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing, Verdict
 
 MAGIC = 0xFD
 HEADER_BYTES = 10
@@ -202,7 +202,6 @@ class Encoder:
         self._packer = common.MAVLink(None, srcSystem=system_id, srcComponent=COMPANION)
         if signing is not None:
             self._packer.signing.secret_key = signing.key
-            self._packer.signing.link_id = LINK_ID
             self._packer.signing.sign_outgoing = True
 
     def encode(self, content: Outgoing, now_s: float) -> bytes:

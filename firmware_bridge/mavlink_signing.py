@@ -21,7 +21,6 @@ KEY_BYTES = 32
 SIGNATURE_BYTES = 13
 SIGNED_FLAG = 0x01
 """MAVLINK_IFLAG_SIGNED, the one incompatibility flag that this project understands."""
-LINK_ID = 0
 TICKS_PER_S = 100_000
 RESERVE_TICKS = 300 * TICKS_PER_S
 """How far ahead of use timestamps are promised to disk, so that one write serves five minutes."""
