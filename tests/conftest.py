@@ -5,11 +5,15 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.kernel import CompiledPolicy, load_kernel
 from edge_runtime.policy import FlowPolicy
 from edge_runtime.weights import FlowWeights
+
+# A million cases of each property: pytest -k junk --hypothesis-profile=fuzz
+settings.register_profile("fuzz", max_examples=1_000_000, deadline=None)
 
 
 def random_weights(
