@@ -1,0 +1,28 @@
+"""``python -m benchmarks NAME``: every measurement by its name, imported only when it is run."""
+
+import importlib
+import sys
+
+from edge_runtime.errors import EdgeError
+
+COMMANDS = {
+    "latency": "benchmarks.latency.command",
+    "navigation": "benchmarks.navigation",
+}
+
+
+def main() -> int:
+    """Run one measurement; returns its exit code."""
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    if name not in COMMANDS:
+        print(f"usage: python -m benchmarks {{{','.join(COMMANDS)}}} ...", file=sys.stderr)
+        return 2
+    try:
+        return importlib.import_module(COMMANDS[name]).main(sys.argv[2:])
+    except EdgeError as error:
+        print(f"benchmarks {name}: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

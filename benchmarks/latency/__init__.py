@@ -1,0 +1,1 @@
+"""How long one control tick takes: ``python -m benchmarks latency``."""

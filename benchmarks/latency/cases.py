@@ -1,0 +1,122 @@
+"""What is timed: a network, a team and objectives, drawn from a seed."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.guidance import GuidanceSettings, Guide
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.scene import Floats, TeamBatch
+from edge_runtime.weights import Activation, Array, FlowWeights
+
+TIME_FEATURES = 16
+DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """The size of one tick; the defaults are the case that every budget is stated for."""
+
+    layers: tuple[int, ...] = (256, 256, 256)
+    activation: Activation = "silu"
+    observation_dim: int = 32
+    action_dim: int = 2
+    euler_steps: int = 10
+    """T"""
+    objectives: int = 2
+    """M"""
+    neighbours: int = 3
+    """K"""
+    batch: int = 1
+
+    def __str__(self) -> str:
+        sizes = f"T={self.euler_steps} M={self.objectives} K={self.neighbours} batch={self.batch}"
+        return f"{len(self.layers)}x{self.layers[0]} {self.activation} {sizes}"
+
+
+DEFAULT = Case()
+
+
+@dataclass(frozen=True)
+class Workload:
+    """Everything that a contender needs to compute a case's tick."""
+
+    case: Case
+    weights: FlowWeights
+    objectives: tuple[Objective, ...]
+    observation: Array
+    """(B, O)"""
+    start: Floats
+    """(B, d)"""
+    team: TeamBatch
+
+    def make_guide(self) -> Guide:
+        """The objectives made ready in the paper's mode, the one that all contenders can compute."""
+        return Guide(GuidanceSettings(mode="hierarchical", scale=0.5), self.objectives, DYNAMICS)
+
+    def team_state(self) -> TeamState:
+        """The first robot's view of its team."""
+        team = self.team
+        own = RobotState(0, 0.0, _pair(team.position_m[0]), _pair(team.velocity_m_s[0]))
+        mates = zip(team.mate_position_m[0], team.mate_velocity_m_s[0], team.mate_action[0], strict=True)
+        teammates = [
+            Teammate(RobotState(1 + index, 0.0, _pair(position), _pair(velocity)), _pair(action))
+            for index, (position, velocity, action) in enumerate(mates)
+        ]
+        return TeamState(own, tuple(teammates))
+
+
+def _pair(values: Floats) -> tuple[float, float]:
+    x, y = values.tolist()
+    return x, y
+
+
+def random_weights(case: Case, seed: int = 0) -> FlowWeights:
+    """A network whose activations keep the size of its inputs, so that nothing saturates or vanishes."""
+    rng = np.random.default_rng(seed)
+
+    def matrix(rows: int, columns: int, fan_in: int) -> Array:
+        return (rng.standard_normal((rows, columns)) * 1.2 / np.sqrt(fan_in)).astype(np.float32)
+
+    sizes = [*case.layers, case.action_dim]
+    inputs = case.action_dim + case.observation_dim + 1 + TIME_FEATURES
+    return FlowWeights(
+        activation=case.activation,
+        action=matrix(case.action_dim, sizes[0], inputs),
+        observation=matrix(case.observation_dim, sizes[0], inputs),
+        time=matrix(1 + TIME_FEATURES, sizes[0], inputs),
+        time_frequency=(np.pi * np.arange(1, 1 + TIME_FEATURES)).astype(np.float32),
+        time_phase=np.zeros(TIME_FEATURES, np.float32),
+        matrices=tuple(matrix(a, b, a) for a, b in pairwise(sizes)),
+        biases=tuple((0.1 * rng.standard_normal(size)).astype(np.float32) for size in sizes),
+        prior_std=0.5,
+    )
+
+
+def workload(case: Case, seed: int = 0) -> Workload:
+    """Draw a case: robots close together and fast, so that every objective steers in every step."""
+    rng = np.random.default_rng(seed)
+    batch, mates = case.batch, (case.batch, case.neighbours, 2)
+    objectives: list[Objective] = [SpeedLimit(limit_m_s=0.1)]
+    objectives += [SafetyMargin(distance_m=0.8 + 0.1 * m) for m in range(1, case.objectives)]
+    objectives = objectives[: case.objectives]
+    team = TeamBatch(
+        robot_id=np.zeros(batch, np.int64),
+        position_m=0.2 * rng.standard_normal((batch, 2)),
+        velocity_m_s=0.5 * rng.standard_normal((batch, 2)),
+        mate_id=np.broadcast_to(1 + np.arange(case.neighbours), mates[:2]),
+        mate_position_m=0.2 * rng.standard_normal(mates),
+        mate_velocity_m_s=0.2 * rng.standard_normal(mates),
+        mate_action=rng.standard_normal(mates),
+    )
+    return Workload(
+        case=case,
+        weights=random_weights(case, seed),
+        objectives=tuple(objectives),
+        observation=rng.standard_normal((batch, case.observation_dim)).astype(np.float32),
+        start=np.zeros((batch, case.action_dim)),
+        team=team,
+    )

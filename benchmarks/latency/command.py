@@ -1,0 +1,135 @@
+"""``python -m benchmarks latency``: the tick beside everything that a user would pick instead."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.latency import footprint, limit, machine, paced
+from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
+from benchmarks.latency.cases import DEFAULT, Case, workload
+from benchmarks.latency.contenders import CONTENDERS, prepare
+from benchmarks.latency.growth import estimate_orin_nano, grow
+from benchmarks.latency.measure import Timing, interleave
+from benchmarks.latency.rows import Row, compare, make_rows, read_rows, write_rows
+from benchmarks.latency.sweeps import CONTENDERS as SWEPT
+from benchmarks.latency.sweeps import SWEEPS
+from edge_runtime.errors import PolicyError
+from edge_runtime.kernel import load_kernel
+
+RESULTS = Path(__file__).parents[1] / "results" / "latency"
+SMALL = Case(layers=(128, 128))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Returns 0; 1 if a budget is broken; 3 if a full run was not on a quiet machine."""
+    flags = _parse(arguments)
+    old = read_rows(flags.compare) if flags.compare else []
+    rows, code = run_short(load_budgets()) if flags.short else _run_full(flags.out)
+    if flags.json:
+        write_rows(flags.json, rows)
+    for line in compare(old, rows):
+        print(line)
+    return code
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks latency", description=__doc__)
+    parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
+    parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
+    parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="for the page and pictures")
+    return parser.parse_args(arguments)
+
+
+def measure_case(case: Case, names: Sequence[str], rounds: int, slot_s: float) -> dict[str, Timing]:
+    """Time contenders on a case beside the processor's limit."""
+    timings = interleave(prepare(workload(case), names) | limit.probes(case), rounds, slot_s)
+    return timings | {"limit": limit.limit(case, timings["peak"], timings["traffic"])}
+
+
+def run_short(
+    budgets: Sequence[Budget],
+    case: Case = DEFAULT,
+    rounds: int = 15,
+    slot_s: float = 0.12,
+) -> tuple[list[Row], int]:
+    """Time what the budgets name, and judge them."""
+    named = {name for budget in budgets for name in (budget.backend, budget.against)}
+    timings = measure_case(case, [name for name in CONTENDERS if name in named], rounds, slot_s)
+    rows = _contender_rows(case, timings)
+    verdicts = judge(budgets, timings)
+    _print_rows(case, rows)
+    for line in [*map(str, verdicts), *(f"not quiet: {reason}" for reason in machine.noise(timings))]:
+        print(line)
+    return rows, 0 if all(verdict.held for verdict in verdicts) else 1
+
+
+def _run_full(out: Path) -> tuple[list[Row], int]:
+    from benchmarks.latency import page, pictures  # noqa: PLC0415
+
+    out.mkdir(parents=True, exist_ok=True)
+    timings = measure_case(DEFAULT, list(CONTENDERS), rounds=30, slot_s=0.25)
+    default, verdicts = _contender_rows(DEFAULT, timings), judge(load_budgets(), timings)
+    _print_rows(DEFAULT, default)
+    small = _contender_rows(SMALL, measure_case(SMALL, list(CONTENDERS), rounds=15, slot_s=0.1))
+    _print_rows(SMALL, small)
+    swept = [_sweep(case) for case in _cases()]
+    rows = [row for rows in swept for row in rows]
+    growths = [grow(sweep, rows, SWEPT) for sweep in SWEEPS]
+    outcomes = [paced.measure(variant) for variant in paced.variants(["eager", "numpy", "compiled"], 5.0)]
+    result = page.Result(
+        machine=machine.describe(_engine()),
+        noise=machine.noise(timings),
+        default=default,
+        verdicts=verdicts,
+        small=small,
+        growths=growths,
+        paced=[row for row in outcomes if isinstance(row, Row)],
+        refusals=sorted({text for text in outcomes if isinstance(text, str)}),
+        footprints=[footprint.measure(backend) for backend in ("numpy", "compiled")],
+        estimate=estimate_orin_nano(default),
+    )
+    (out / "latency.md").write_text(page.render(result))
+    for index, growth in enumerate(growths):
+        pictures.draw_sweep(growth, out / f"sweep_{index}.png")
+    pictures.draw_paced(result.paced, out / "paced.png")
+    print(page.render(result))
+    return [*default, *small, *rows, *result.paced], _exit_code(verdicts, result.noise)
+
+
+def _exit_code(verdicts: Sequence[Verdict], noise: Sequence[str]) -> int:
+    if noise:
+        return 3
+    return 0 if all(verdict.held for verdict in verdicts) else 1
+
+
+def _cases() -> list[Case]:
+    """Every case of the sweeps once."""
+    return list(dict.fromkeys(sweep.make(value) for sweep in SWEEPS for value in sweep.values))
+
+
+def _sweep(case: Case) -> list[Row]:
+    rows = _contender_rows(case, measure_case(case, SWEPT, rounds=5, slot_s=0.08))
+    _print_rows(case, rows)
+    return rows
+
+
+def _contender_rows(case: Case, timings: dict[str, Timing]) -> list[Row]:
+    """Rows of everything but the probes behind the limit."""
+    return make_rows(case, {name: timing for name, timing in timings.items() if name not in limit.PROBES})
+
+
+def _print_rows(case: Case, rows: Sequence[Row]) -> None:
+    print(case)
+    for row in rows:
+        ratio = "" if row.ratio_to_eager is None else f"{row.ratio_to_eager:8.1f} x eager"
+        print(
+            f"  {row.backend:14} median {row.median_us:9.1f}  best {row.best_us:9.1f} us {ratio}", flush=True
+        )
+
+
+def _engine() -> str:
+    try:
+        return load_kernel().engines()[0]
+    except PolicyError:
+        return ""

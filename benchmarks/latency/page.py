@@ -1,0 +1,130 @@
+"""The page that a full run writes: results beside the machine that they were measured on."""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from benchmarks.latency.budgets import Verdict
+from benchmarks.latency.footprint import Footprint
+from benchmarks.latency.growth import Estimate, Growth, paper_terms
+from benchmarks.latency.machine import Machine
+from benchmarks.latency.pictures import way
+from benchmarks.latency.rows import Row
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that one full run found."""
+
+    machine: Machine
+    noise: list[str]
+    """Empty if the machine was quiet."""
+    default: list[Row]
+    verdicts: list[Verdict]
+    small: list[Row]
+    """The 2x128 network."""
+    growths: list[list[Growth]]
+    """Of each sweep, every backend."""
+    paced: list[Row]
+    refusals: list[str]
+    """Paced variants that the system did not permit."""
+    footprints: list[Footprint]
+    estimate: Estimate
+
+
+def render(result: Result) -> str:
+    """The page in Markdown; its pictures lie beside it as ``sweep_<i>.png`` and ``paced.png``."""
+    sections = [
+        "# Latency of one tick",
+        "Written by `python -m benchmarks latency`.",
+        _verdict(result.noise),
+        _machine(result.machine),
+        "## 3x256 SiLU, observation 32, d = 2, T = 10, M = 2, K = 3, one thread, interleaved",
+        _rows(result.default),
+        "\n".join(f"- {verdict}" for verdict in result.verdicts),
+        "## 2x128 SiLU",
+        _rows(result.small),
+        "## Start of the process to the first action",
+        _footprints(result.footprints),
+        "## In a loop that sleeps between deadlines",
+        _paced(result.paced),
+        "\n".join(f"- not permitted here: {refusal}" for refusal in result.refusals),
+        "![paced](paced.png)",
+        "## Growth, beside the paper's O(T (M K + M²))",
+        "\n\n".join(_growth(index, growths) for index, growths in enumerate(result.growths)),
+        "## Estimate for one core of a Jetson Orin Nano",
+        _estimate(result.estimate),
+    ]
+    return "\n\n".join(section for section in sections if section) + "\n"
+
+
+def _verdict(noise: Sequence[str]) -> str:
+    if not noise:
+        return "The machine was quiet: the run is valid."
+    return "**INVALID: the machine was not quiet.** " + "; ".join(noise) + "."
+
+
+def _machine(machine: Machine) -> str:
+    p50, p99, p99_9 = machine.wake_us
+    return "\n".join(
+        [
+            f"- processor: {machine.processor}, {machine.cores} cores, governor {machine.governor}",
+            f"- kernel {machine.kernel}, Python {machine.python}, numpy {machine.numpy}",
+            f"- compiled kernel's instruction set: {machine.engine or 'not built'}",
+            f"- wake-up latency (5 ms sleeps): p50 {p50:.0f}, p99 {p99:.0f}, p99.9 {p99_9:.0f} µs",
+        ]
+    )
+
+
+def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    rule = ["---", *["--:"] * (len(header) - 1)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *lines])
+
+
+def _rows(rows: Sequence[Row]) -> str:
+    header = ["backend", "median µs", "best round", "p99", "p99.9", "times eager"]
+    return _table(header, [[row.backend, *_durations(row), _ratio(row)] for row in rows])
+
+
+def _durations(row: Row) -> list[str]:
+    return [f"{value:.1f}" for value in (row.median_us, row.best_us, row.p99_us, row.p99_9_us)]
+
+
+def _ratio(row: Row) -> str:
+    return "" if row.ratio_to_eager is None else f"{row.ratio_to_eager:.1f}"
+
+
+def _footprints(footprints: Sequence[Footprint]) -> str:
+    header = ["backend", "resident MiB", "first action ms"]
+    return _table(
+        header, [[f.backend, f"{f.resident_mib:.1f}", f"{f.first_action_ms:.0f}"] for f in footprints]
+    )
+
+
+def _paced(rows: Sequence[Row]) -> str:
+    header = ["loop", "median µs", "best part", "p99", "p99.9"]
+    return _table(header, [[f"{r.backend}, {r.paced_hz:g} Hz{way(r)}", *_durations(r)] for r in rows])
+
+
+def _growth(index: int, growths: Sequence[Growth]) -> str:
+    sweep = growths[0].sweep
+    header = [sweep.symbol, *(f"{growth.backend} µs" for growth in growths), "T (M K + M²)"]
+    columns = zip(sweep.values, *(growth.microseconds for growth in growths), strict=True)
+    lines = [
+        [str(value), *(f"{us:.1f}" for us in cells), str(paper_terms(sweep.make(value)))]
+        for value, *cells in columns
+    ]
+    table = f"### {sweep.title}\n\n{_table(header, lines)}"
+    if len(sweep.values) == 1:
+        return table
+    slopes = [f"{g.backend} {g.per_unit_us:.2f} µs each, exponent {g.exponent:.2f}" for g in growths]
+    return f"{table}\n\nAlong {sweep.symbol}: {'; '.join(slopes)}.\n\n![{sweep.symbol}](sweep_{index}.png)"
+
+
+def _estimate(estimate: Estimate) -> str:
+    return (
+        f"Limit {estimate.limit_us:.0f} µs, compiled {estimate.compiled_us:.0f} µs, numpy "
+        f"{estimate.numpy_us:.0f} µs, eager {estimate.eager_us:.0f} µs. Not measured. Assumed: one of its "
+        "six Cortex-A78AE at 1.5 GHz with two 128-bit multiply-add pipes (24 GFLOP/s), weights read from "
+        "the L3 cache at 12 GB/s in every step, the kernel as near its limit as here, and interpreted code "
+        "3.5 times slower than here. The same command run on the device replaces this paragraph."
+    )

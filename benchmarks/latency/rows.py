@@ -1,0 +1,95 @@
+"""The result of a run: one row for each contender and case, as written to and compared from JSON."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from benchmarks.latency.cases import Case
+from benchmarks.latency.measure import Timing
+from edge_runtime.errors import ConfigError
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One contender on one case; durations are wall time."""
+
+    backend: str
+    layers: tuple[int, ...]
+    observation_dim: int
+    action_dim: int
+    T: int
+    M: int
+    K: int
+    batch: int
+    paced_hz: float
+    """0 for ticks back to back."""
+    realtime: bool = False
+    """SCHED_FIFO and locked memory; only in paced rows."""
+    early_wake: bool = False
+    """A throw-away tick before each; only in paced rows."""
+    median_us: float
+    best_us: float
+    """Median of the best round."""
+    p99_us: float
+    p99_9_us: float
+    ratio_to_eager: float | None
+    """Ticks in one of eager autograd's of the same case and run; None where eager was not timed."""
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What two runs' rows are matched by."""
+        sizes = (self.layers, self.observation_dim, self.action_dim, self.T, self.M, self.K, self.batch)
+        return (self.backend, *sizes, self.paced_hz, self.realtime, self.early_wake)
+
+
+def make_row(backend: str, case: Case, timing: Timing, eager: Timing | None = None, **paced: object) -> Row:
+    """Summarize one contender's ticks."""
+    return Row(
+        backend=backend,
+        layers=case.layers,
+        observation_dim=case.observation_dim,
+        action_dim=case.action_dim,
+        T=case.euler_steps,
+        M=case.objectives,
+        K=case.neighbours,
+        batch=case.batch,
+        median_us=timing.median_us,
+        best_us=timing.best_us,
+        p99_us=timing.percentile_us(99.0),
+        p99_9_us=timing.percentile_us(99.9),
+        ratio_to_eager=timing.times_faster_than(eager) if eager else None,
+        **({"paced_hz": 0.0} | paced),
+    )
+
+
+def make_rows(case: Case, timings: Mapping[str, Timing]) -> list[Row]:
+    """Rows of one interleaved run."""
+    return [make_row(name, case, timing, timings.get("eager")) for name, timing in timings.items()]
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as a JSON list."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(rows)) + b"\n")
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Read what `write_rows` wrote.
+
+    Raises:
+        ConfigError: if the file cannot be read or holds something else.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=list[Row])
+    except (OSError, msgspec.DecodeError) as error:
+        raise ConfigError(f"{path}: not the rows of an earlier run ({error})") from error
+
+
+def compare(old: Sequence[Row], new: Sequence[Row]) -> list[str]:
+    """One line for each row that both runs have: how the best round's tick changed."""
+    before = {row.key: row.best_us for row in old}
+    return [
+        f"{row.backend} {row.layers} T={row.T} M={row.M} K={row.K} batch={row.batch} {row.paced_hz:g} Hz: "
+        f"{before[row.key]:.1f} -> {row.best_us:.1f} us ({row.best_us / before[row.key] - 1:+.1%})"
+        for row in new
+        if row.key in before
+    ]
