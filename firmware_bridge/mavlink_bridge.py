@@ -1,4 +1,4 @@
-"""``--bridge mavlink``: the flags, and the bridge that they describe."""
+"""``edge-run --bridge mavlink``: its flags, and the Bridge behind the guard."""
 
 import argparse
 import math
@@ -6,10 +6,11 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import Manifest
+from edge_runtime.messages import Vector2
 from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import GuardSpec, deadline_s, flags_from
+from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 from firmware_bridge.guarded_bridge import GuardedBridge
 from firmware_bridge.mavlink_link import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES, find_profile
@@ -17,12 +18,28 @@ from firmware_bridge.mavlink_signing import read_key
 from firmware_bridge.mavlink_transport import FORMS, parse_address
 
 
+class MavlinkFlags(msgspec.Struct, frozen=True):
+    """The flags, as parsed."""
+
+    address: str
+    autopilot: str
+    guard: GuardFlags = GuardFlags()
+    max_speed_m_s: float = 1.0
+    system_id: int = 1
+    source_system: int = 255
+    origin_m: Vector2 = (0.0, 0.0)
+    point_ahead_m: float = 0.2
+    signing_key: str = ""
+    require_signing: bool = False
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this bridge's flags; the guard's own come from ``guard_spec.add_guard_arguments``."""
-    group = parser.add_argument_group("mavlink (ArduPilot, PX4)")
+    """Add the flags of this bridge, the guard's included; ``options_from`` reads them back."""
+    group = parser.add_argument_group("MAVLink bridge (ArduPilot, PX4)")
     add = group.add_argument
-    add("--mavlink", metavar="ADDRESS", default="udpin:127.0.0.1:14550", help=FORMS)
-    add("--mavlink-autopilot", metavar="NAME", default="ardupilot_rover", help=", ".join(PROFILES))
+    add("--mavlink", metavar="ADDRESS", required=True, help=FORMS)
+    add("--mavlink-autopilot", metavar="NAME", required=True, help=", ".join(PROFILES))
+    add("--max-speed", type=float, default=1.0, metavar="M_S", help="largest speed (default: 1 m/s)")
     add("--mavlink-system", type=int, default=1, metavar="ID", help="the autopilot's system id (default: 1)")
     add(
         "--mavlink-source-system",
@@ -49,59 +66,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--mavlink-signing-key", default="", metavar="FILE", help="32 bytes, raw or hexadecimal, mode 600")
     add("--mavlink-require-signing", action="store_true", help="do not start without a signing key")
+    add_guard_arguments(parser)
 
 
-def open_bridge(
-    arguments: argparse.Namespace, robot_id: int, period_s: float, limits: Limits, dynamics: Dynamics
-) -> GuardedBridge:
-    """Return the bridge that the flags describe; entering it starts the guard.
+def options_from(arguments: argparse.Namespace) -> MavlinkFlags:
+    """Return this bridge's flags that were parsed."""
+    return MavlinkFlags(
+        address=arguments.mavlink,
+        autopilot=arguments.mavlink_autopilot,
+        guard=flags_from(arguments),
+        max_speed_m_s=arguments.max_speed,
+        system_id=arguments.mavlink_system,
+        source_system=arguments.mavlink_source_system,
+        origin_m=tuple(arguments.mavlink_origin),
+        point_ahead_m=arguments.mavlink_point_ahead,
+        signing_key=arguments.mavlink_signing_key,
+        require_signing=arguments.mavlink_require_signing,
+    )
 
-    Args:
-        arguments: parsed flags of ``add_arguments`` and ``add_guard_arguments``.
-        robot_id: which robot of the team this is.
-        period_s: control period.
-        limits: what the guard lets through.
-        dynamics: of the policy, with its own period.
+
+def open_bridge(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz: float) -> GuardedBridge:
+    """Check everything that can be checked without the link and return the bridge, ready to be entered.
 
     Raises:
         ConfigError: names the flag that does not fit.
     """
-    options = _options(arguments, dynamics.at_period(period_s))
-    flags = flags_from(arguments)
+    _check(options)
+    link = MavlinkOptions(
+        autopilot=options.autopilot,
+        address=options.address,
+        dynamics=manifest.dynamics.at_period(1.0 / rate_hz),
+        point_ahead_m=options.point_ahead_m,
+        system_id=options.system_id,
+        source_system=options.source_system,
+        origin_m=options.origin_m,
+        signing_key=options.signing_key,
+    )
+    action_limit = max(max(abs(field.low), abs(field.high)) for field in manifest.action)
     spec = GuardSpec(
         link="mavlink",
         robot_id=robot_id,
-        deadline_s=deadline_s(period_s, flags),
-        limits=limits,
-        options=msgspec.Raw(msgspec.json.encode(options)),
-        arm=flags.arm,
-        allow_unsafe_firmware_timeout=flags.allow_unsafe_firmware_timeout,
+        deadline_s=deadline_s(1.0 / rate_hz, options.guard),
+        limits=Limits(options.max_speed_m_s, action_limit),
+        options=msgspec.Raw(msgspec.json.encode(link)),
+        arm=options.guard.arm,
+        allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
     )
     return GuardedBridge(spec)
 
 
-def _options(arguments: argparse.Namespace, dynamics: Dynamics) -> MavlinkOptions:
-    find_profile(arguments.mavlink_autopilot)
-    parse_address(arguments.mavlink)
-    for flag in ("mavlink_system", "mavlink_source_system"):
-        number = getattr(arguments, flag)
+def _check(options: MavlinkFlags) -> None:
+    find_profile(options.autopilot)
+    parse_address(options.address)
+    for flag, number in (
+        ("--mavlink-system", options.system_id),
+        ("--mavlink-source-system", options.source_system),
+    ):
         if not 1 <= number <= 255:
-            raise ConfigError(f"--{flag.replace('_', '-')} must lie in [1, 255], got {number}")
-    if not 0.0 <= arguments.mavlink_point_ahead < math.inf:
-        raise ConfigError(f"--mavlink-point-ahead must be 0 or more, got {arguments.mavlink_point_ahead:g}")
-    if arguments.mavlink_signing_key:
-        read_key(Path(arguments.mavlink_signing_key))
-    elif arguments.mavlink_require_signing:
-        raise ConfigError("--mavlink-require-signing needs --mavlink-signing-key FILE")
-    if not all(map(math.isfinite, arguments.mavlink_origin)):
+            raise ConfigError(f"{flag} must lie in [1, 255], got {number}")
+    if not 0.0 < options.max_speed_m_s < math.inf:
+        raise ConfigError(f"--max-speed must be above 0 and finite, got {options.max_speed_m_s:g}")
+    if not 0.0 <= options.point_ahead_m < math.inf:
+        raise ConfigError(f"--mavlink-point-ahead must be 0 or more, got {options.point_ahead_m:g}")
+    if not all(map(math.isfinite, options.origin_m)):
         raise ConfigError("--mavlink-origin must be two finite numbers")
-    return MavlinkOptions(
-        autopilot=arguments.mavlink_autopilot,
-        address=arguments.mavlink,
-        dynamics=dynamics,
-        point_ahead_m=arguments.mavlink_point_ahead,
-        system_id=arguments.mavlink_system,
-        source_system=arguments.mavlink_source_system,
-        origin_m=tuple(arguments.mavlink_origin),
-        signing_key=arguments.mavlink_signing_key,
-    )
+    if options.signing_key:
+        read_key(Path(options.signing_key))
+    elif options.require_signing:
+        raise ConfigError("--mavlink-require-signing needs --mavlink-signing-key FILE")

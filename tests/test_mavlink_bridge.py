@@ -1,24 +1,27 @@
 import argparse
 
+import bundles
 import msgspec
 import pytest
 
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError, ConfigError
+from edge_runtime.manifest import ActionField
 from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import add_guard_arguments
-from firmware_bridge.mavlink_bridge import add_arguments, open_bridge
+from firmware_bridge.mavlink_bridge import add_arguments, open_bridge, options_from
 from firmware_bridge.mavlink_link import MavlinkLink, MavlinkOptions, make_link
 
 DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
-LIMITS = Limits(speed_m_s=1.5, action=1.0)
+ACTION = tuple(ActionField(f"force_{axis}", "N", -1.25, 1.0) for axis in "xy")
+MANIFEST = msgspec.structs.replace(bundles.MANIFEST, dynamics=DYNAMICS, action=ACTION)
 
 
 def make_bridge(*flags):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    add_guard_arguments(parser)
-    return open_bridge(parser.parse_args(flags), 3, 0.02, LIMITS, DYNAMICS)
+    needed = ("--mavlink", "udpin:127.0.0.1:14550", "--mavlink-autopilot", "ardupilot_rover")
+    arguments = parser.parse_args([*needed, *flags])
+    return open_bridge(3, MANIFEST, options_from(arguments), 50.0)
 
 
 def options_of(bridge):
@@ -37,10 +40,10 @@ def test_flags_reach_the_guard():
     bridge = make_bridge(
         *("--mavlink", "serial:/dev/ttyACM0:921600", "--mavlink-autopilot", "px4", "--mavlink-system", "5"),
         *("--mavlink-source-system", "9", "--mavlink-origin", "1.5", "-2", "--mavlink-point-ahead", "0.3"),
-        "--arm",
+        *("--max-speed", "1.5", "--arm"),
     )
     spec = bridge._spec
-    assert (spec.link, spec.robot_id, spec.arm, spec.limits) == ("mavlink", 3, True, LIMITS)
+    assert (spec.link, spec.robot_id, spec.arm, spec.limits) == ("mavlink", 3, True, Limits(1.5, 1.25))
     assert options_of(bridge) == MavlinkOptions(
         autopilot="px4",
         address="serial:/dev/ttyACM0:921600",
@@ -70,6 +73,8 @@ def test_wheels_may_refuse_sideways_velocities():
         (("--mavlink", "tcp:1.2.3.4:5760"), "is no address; write udpin:HOST:PORT"),
         (("--mavlink-system", "0"), r"--mavlink-system must lie in \[1, 255\], got 0"),
         (("--mavlink-source-system", "256"), r"--mavlink-source-system must lie in \[1, 255\]"),
+        (("--max-speed", "0"), "--max-speed must be above 0 and finite"),
+        (("--max-speed", "inf"), "--max-speed must be above 0 and finite"),
         (("--mavlink-point-ahead", "-0.1"), "--mavlink-point-ahead must be 0 or more"),
         (("--mavlink-point-ahead", "inf"), "--mavlink-point-ahead must be 0 or more"),
         (("--mavlink-origin", "nan", "0"), "--mavlink-origin must be two finite numbers"),

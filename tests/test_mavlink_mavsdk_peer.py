@@ -1,6 +1,5 @@
 """The whole way, runtime side -> guard process -> UDP, to an autopilot made of the MAVSDK library."""
 
-import argparse
 import importlib.util
 import json
 import socket
@@ -11,14 +10,13 @@ import time
 from pathlib import Path
 
 import pytest
+from bundles import MANIFEST
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import add_guard_arguments
+from firmware_bridge.guard_spec import GuardFlags
 from firmware_bridge.guard_wire import Phase
-from firmware_bridge.mavlink_bridge import add_arguments, open_bridge
+from firmware_bridge.mavlink_bridge import MavlinkFlags, open_bridge
 
 PERIOD_S = 0.02
 PATIENCE_S = 20.0
@@ -83,16 +81,11 @@ def peer():
     peer.close()
 
 
-def bridge_to(peer, *flags):
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    add_guard_arguments(parser)
-    address = f"udpout:127.0.0.1:{peer.port}"
+def bridge_to(peer, arm=True):
     # The deadline is generous: these tests are about protocols, and the machine may be busy.
-    arguments = parser.parse_args(
-        ["--mavlink", address, "--mavlink-autopilot", "px4", "--guard-deadline", "1", *flags]
-    )
-    return open_bridge(arguments, 7, PERIOD_S, Limits(1.0, 1.0), Dynamics(1.0, 0.25, 0.1))
+    guard = GuardFlags(arm=arm, deadline_s=1.0)
+    options = MavlinkFlags(f"udpout:127.0.0.1:{peer.port}", "px4", guard)
+    return open_bridge(7, MANIFEST, options, 1.0 / PERIOD_S)
 
 
 class Runtime:
@@ -116,7 +109,7 @@ class Runtime:
 
 
 def test_an_autopilot_is_engaged_driven_and_stopped(peer):
-    with bridge_to(peer, "--arm") as bridge:
+    with bridge_to(peer) as bridge:
         assert not peer.of("heartbeat"), "a heartbeat before the first command"
         runtime = Runtime(bridge)
         runtime.command_until(lambda: bridge.counts.forwarded >= 40)
@@ -144,7 +137,7 @@ def test_an_autopilot_is_engaged_driven_and_stopped(peer):
 
 
 def test_an_operator_keeps_what_he_takes(peer):
-    with bridge_to(peer, "--arm") as bridge:
+    with bridge_to(peer) as bridge:
         runtime = Runtime(bridge)
         runtime.command_until(lambda: bridge.counts.forwarded >= 5)
         peer.order("mode MANUAL")
@@ -158,7 +151,7 @@ def test_an_operator_keeps_what_he_takes(peer):
 
 
 def test_without_arm_nothing_is_commanded(peer):
-    with bridge_to(peer) as bridge:
+    with bridge_to(peer, arm=False) as bridge:
         runtime = Runtime(bridge)
         runtime.command_until(lambda: bridge.counts.withheld >= 20)
     assert not peer.of("mode")

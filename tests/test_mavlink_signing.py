@@ -1,3 +1,4 @@
+import hashlib
 import os
 import threading
 
@@ -9,7 +10,15 @@ from pymavlink.dialects.v20 import common
 
 import firmware_bridge.mavlink_signing as mavlink_signing
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.mavlink_signing import RESERVE_TICKS, Signing, Timestamps, Verdict, clock_ticks, read_key
+from firmware_bridge.mavlink_signing import (
+    RESERVE_TICKS,
+    SIGNATURE_BYTES,
+    Signing,
+    Timestamps,
+    Verdict,
+    clock_ticks,
+    read_key,
+)
 
 KEY = bytes(range(32))
 
@@ -101,13 +110,13 @@ class TestTimestamps:
 
     def test_promises_are_synced_before_they_replace_the_old_ones(self, tmp_path, wall, monkeypatch):
         calls = []
-        monkeypatch.setattr(os, "fsync", lambda _: calls.append("fsync"))
+        monkeypatch.setattr(os, "fsync", lambda file: calls.append(("fsync", os.fstat(file).st_size > 0)))
         replace = mavlink_signing.Path.replace
         monkeypatch.setattr(
             mavlink_signing.Path, "replace", lambda self, to: (calls.append("replace"), replace(self, to))[1]
         )
         Timestamps(tmp_path / "timestamp", wall)
-        assert calls == ["fsync", "replace", "fsync"]
+        assert calls == [("fsync", True), "replace", ("fsync", True)]
 
     def test_renewal_happens_in_the_background_once_half_is_used(self, tmp_path, timestamps, wall):
         path = tmp_path / "timestamp"
@@ -141,8 +150,8 @@ class TestTimestamps:
             Timestamps(tmp_path / "timestamp", Wall(2**48 - RESERVE_TICKS))
 
     def test_the_wall_clock_counts_from_2015(self, monkeypatch):
-        monkeypatch.setattr(mavlink_signing.time, "time", lambda: 1_420_070_400.5)
-        assert clock_ticks() == 50_000
+        monkeypatch.setattr(mavlink_signing.time, "time", lambda: 1_420_071_400.5)
+        assert clock_ticks() == 100_050_000
 
 
 class TestVerify:
@@ -167,8 +176,17 @@ class TestVerify:
 
     def test_older_frames_of_the_same_stream_are_refused(self, signing, wall):
         assert signing.verify(signed(wall.tick + 100)) is Verdict.ACCEPTED
-        assert signing.verify(signed(wall.tick + 99)) is Verdict.REPLAYED
+        assert signing.verify(signed(wall.tick + 99, sequence=1)) is Verdict.REPLAYED
         assert signing.verify(signed(wall.tick + 99, component=2)) is Verdict.ACCEPTED
+        assert signing.verify(signed(wall.tick + 99, system=2)) is Verdict.ACCEPTED
+
+    def test_each_link_has_its_own_order(self, signing, wall):
+        other = bytearray(signed(wall.tick + 99))
+        other[-SIGNATURE_BYTES] = 1
+        other[-6:] = hashlib.sha256(KEY + other[:-6]).digest()[:6]
+        assert signing.verify(signed(wall.tick + 100)) is Verdict.ACCEPTED
+        assert signing.verify(bytes(other)) is Verdict.ACCEPTED
+        assert signing.verify(bytes(other)) is Verdict.REPLAYED
 
     def test_a_forged_timestamp_does_not_lock_the_true_sender_out(self, signing, wall):
         assert signing.verify(signed(2**47, key=KEY[::-1])) is Verdict.ALTERED
