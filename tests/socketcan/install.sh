@@ -1,21 +1,24 @@
 #!/bin/sh
 # Installs what tests/test_socketcan.py boots: user-mode Linux with its CAN modules, and tools for the guest.
-# Elsewhere than in CI the test is skipped where this cannot be done.
+# Where that cannot be done the tests are skipped, but not in CI.
 set -eu
 cd "$(dirname "$0")"
 missing=
-for package in user-mode-linux:linux.uml kmod:insmod iproute2:ip gcc:gcc libc6-dev:; do
-    command=${package#*:}
-    [ -n "$command" ] && command -v "$command" >/dev/null || \
-        dpkg -s "${package%%:*}" >/dev/null 2>&1 || missing="$missing ${package%%:*}"
-done
+need() {
+    command -v "$1" >/dev/null || missing="$missing $2"
+}
+need linux.uml user-mode-linux
+need insmod kmod
+need ip iproute2
+need gcc "gcc libc6-dev"
 if [ -n "$missing" ]; then
     if ! command -v apt-get >/dev/null || [ "$(id -u)" != 0 ]; then
-        echo "the SocketCAN tests need:$missing (Debian: apt-get install$missing): skipping them"
+        echo "the tests on a real CAN bus need:$missing (Debian: apt-get install$missing): skipping them"
         test -z "${CI:-}"
         exit
     fi
     apt-get update -qq
+    # shellcheck disable=SC2086 # one word each
     DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends $missing >/dev/null
 fi
 mkdir -p build
