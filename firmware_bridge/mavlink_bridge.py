@@ -12,7 +12,7 @@ from edge_runtime.messages import Vector2
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 from firmware_bridge.guarded_bridge import GuardedBridge
-from firmware_bridge.mavlink_link import MavlinkOptions
+from firmware_bridge.mavlink_options import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES, find_profile
 from firmware_bridge.mavlink_signing import read_key
 from firmware_bridge.mavlink_transport import FORMS, parse_address

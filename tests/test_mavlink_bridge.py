@@ -9,7 +9,8 @@ from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.manifest import ActionField
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.mavlink_bridge import add_arguments, open_bridge, options_from
-from firmware_bridge.mavlink_link import MavlinkLink, MavlinkOptions, make_link
+from firmware_bridge.mavlink_link import MavlinkLink, make_link
+from firmware_bridge.mavlink_options import MavlinkOptions
 
 DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
 ACTION = tuple(ActionField(f"force_{axis}", "N", -1.25, 1.0) for axis in "xy")

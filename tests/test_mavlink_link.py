@@ -4,11 +4,12 @@ import pytest
 from mavlink_peers import ScriptedAutopilot, Ticks, vehicle_frame
 from pymavlink.dialects.v20 import common
 
-import firmware_bridge.mavlink_link as mavlink_link
+import firmware_bridge.mavlink_channel as mavlink_channel
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.guard_link import Condition, Limits, Setpoint
-from firmware_bridge.mavlink_link import MavlinkLink, MavlinkOptions
+from firmware_bridge.mavlink_link import MavlinkLink
+from firmware_bridge.mavlink_options import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES
 from firmware_bridge.mavlink_signing import clock_ticks
 
@@ -30,7 +31,7 @@ def connect(clock, monkeypatch):
         autopilot = ScriptedAutopilot(profile, clock)
         for name, value in traits.items():
             setattr(autopilot, name, value)
-        monkeypatch.setattr(mavlink_link, "open_transport", lambda _: autopilot)
+        monkeypatch.setattr(mavlink_channel, "open_transport", lambda _: autopilot)
         options = MavlinkOptions(profile, "udpin:h:1", DYNAMICS, point_ahead_m=0.5)
         link = MavlinkLink(options, 4, LIMITS, clock)
         link.open()
@@ -199,7 +200,7 @@ class TestFaults:
         link, autopilot = connect("ardupilot_rover")
         drive(link, clock)
         autopilot.refuses = {SET_MODE}
-        with pytest.raises(BridgeError, match="did not HOLD"):
+        with pytest.raises(BridgeError, match="did not enter HOLD"):
             walk(link, link.stop_sequence(), clock)
         assert len(autopilot.commands(SET_MODE)) > 1
 
@@ -267,7 +268,7 @@ class TestSigning:
             autopilot = ScriptedAutopilot("px4", clock)
             if key is not None:
                 autopilot.sign(key, tick)
-            monkeypatch.setattr(mavlink_link, "open_transport", lambda _: autopilot)
+            monkeypatch.setattr(mavlink_channel, "open_transport", lambda _: autopilot)
             options = MavlinkOptions("px4", "udpin:h:1", DYNAMICS, signing_key=str(path))
             link = MavlinkLink(options, 4, LIMITS, clock)
             link.open()

@@ -1,0 +1,102 @@
+"""One autopilot's messages over one port: transport, codec and signing together."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from edge_runtime.errors import BridgeError
+from firmware_bridge.mavlink_codec import COMPANION, Decoder, Encoder, Tally
+from firmware_bridge.mavlink_messages import Content, Outgoing
+from firmware_bridge.mavlink_options import MavlinkOptions
+from firmware_bridge.mavlink_signing import Signing, Timestamps, read_key
+from firmware_bridge.mavlink_transport import Transport, open_transport
+
+AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+
+
+class Channel:
+    """Speaks to one autopilot and hears only that one.
+
+    Raises:
+        ConfigError: if the signing key cannot be used.
+    """
+
+    def __init__(self, options: MavlinkOptions) -> None:
+        self.dropped = 0
+        """Frames that the port did not take."""
+        self._address = options.address
+        self._autopilot = (options.system_id, AUTOPILOT)
+        self._signing = _open_signing(options)
+        self._decoder = Decoder(self._signing)
+        self._encoder = Encoder(options.source_system, self._autopilot, self._signing)
+        self._transport: Transport | None = None
+
+    @property
+    def tally(self) -> Tally:
+        """What came in, and why some of it was not taken."""
+        return self._decoder.tally
+
+    def open(self) -> None:
+        """Open the port.
+
+        Raises:
+            BridgeError: if it cannot be opened.
+        """
+        self._transport = open_transport(self._address)
+
+    def close(self) -> None:
+        """Close the port, keep the signing timestamp."""
+        if self._transport is not None:
+            self._transport.close()
+        if self._signing is not None:
+            self._signing.timestamps.close()
+
+    def filenos(self) -> tuple[int, ...]:
+        """Return the port's descriptor."""
+        return () if self._transport is None else (self._transport.fileno(),)
+
+    def receive(self) -> Iterator[Content]:
+        """Yield what the autopilot has sent.
+
+        Raises:
+            BridgeError: if the port is gone.
+        """
+        transport = self._opened()
+        for portion in transport.receive():
+            proved = False
+            for received in self._decoder.feed(portion):
+                if (received.system_id, received.component_id) == self._autopilot:
+                    proved = True
+                    yield received.content
+            # An autopilot may speak MAVLink 1, or sign with a clock that lags, until it has heard from us.
+            transport.answer_sender(proved)
+            if transport.datagrams:
+                self._decoder.end_of_datagram()
+
+    def send(self, content: Outgoing, now_s: float) -> None:
+        """Send one message now, or drop and count it.
+
+        Raises:
+            BridgeError: if the port is gone, or the signing timestamp cannot be kept.
+        """
+        if not self._opened().send(self._encoder.encode(content, now_s)):
+            self.dropped += 1
+
+    def renew_signing(self) -> None:
+        """Keep signing timestamps in reserve; cheap enough for every second."""
+        if self._signing is not None:
+            self._signing.timestamps.renew()
+
+    def _opened(self) -> Transport:
+        if self._transport is None:
+            raise BridgeError("the MAVLink link is not open")
+        return self._transport
+
+
+def _open_signing(options: MavlinkOptions) -> Signing | None:
+    if not options.signing_key:
+        return None
+    path = Path(options.signing_key)
+    key = read_key(path)
+    sender = f"{options.source_system}-{COMPANION}"
+    return Signing(key, Timestamps(path.with_name(f"{path.name}.{sender}.timestamp")))
