@@ -151,8 +151,18 @@ class TestTimestamps:
             Timestamps(tmp_path / "timestamp", wall)
 
     def test_the_last_ticks_of_all_are_not_used(self, tmp_path):
+        last = 2**48 - 1 - RESERVE_TICKS
+        assert Timestamps(tmp_path / "timestamp", Wall(last)).last == last
         with pytest.raises(BridgeError, match="no successors"):
-            Timestamps(tmp_path / "timestamp", Wall(2**48 - RESERVE_TICKS))
+            Timestamps(tmp_path / "timestamp", Wall(last + 1))
+
+    def test_the_folder_is_closed_again(self, tmp_path, wall):
+        before = sum(1 for _ in mavlink_signing.Path("/proc/self/fd").iterdir())
+        Timestamps(tmp_path / "timestamp", wall)
+        assert sum(1 for _ in mavlink_signing.Path("/proc/self/fd").iterdir()) == before
+
+    def test_one_promise_lasts_five_minutes(self):
+        assert RESERVE_TICKS == 300 * 100_000
 
     def test_the_wall_clock_counts_from_2015(self, monkeypatch):
         monkeypatch.setattr(mavlink_signing.time, "time", lambda: 1_420_071_400.5)
