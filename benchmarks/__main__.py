@@ -6,6 +6,7 @@ import sys
 from edge_runtime.errors import EdgeError
 
 COMMANDS = {
+    "faults": "benchmarks.faults.command",
     "latency": "benchmarks.latency.command",
     "navigation": "benchmarks.navigation",
 }

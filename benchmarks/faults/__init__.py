@@ -1,0 +1,1 @@
+"""Faults while a robot drives, timed at the firmware's end of the wire."""

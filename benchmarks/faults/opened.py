@@ -1,0 +1,53 @@
+"""A link in this process, opened on a real wire to a firmware that takes commands."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+
+import msgspec
+
+from benchmarks.faults.firmware import PERIOD_S, Firmware
+from edge_runtime.errors import BridgeError
+from firmware_bridge.guard import make_link
+from firmware_bridge.guard_core import Guard
+from firmware_bridge.guard_link import Link, Setpoint
+from firmware_bridge.guard_wire import Phase, encode_command
+
+ENABLING_S = 10.0
+FORWARD = ((1.0, 0.0), (0.5, 0.0))
+"""Action and velocity of a command that is in order."""
+
+
+@contextlib.contextmanager
+def opened_link(firmware: Firmware) -> Iterator[Link]:
+    """Open the firmware's link while the firmware answers; close it at the end."""
+    link = make_link(firmware.spec())
+    opened = threading.Event()
+    serving = threading.Thread(target=firmware.serve, args=(ENABLING_S, opened.is_set))
+    serving.start()
+    try:
+        link.open()
+    finally:
+        opened.set()
+        serving.join()
+    with contextlib.closing(link):
+        yield link
+
+
+def enable(link: Link, firmware: Firmware) -> None:
+    """Bring the firmware to take commands.
+
+    Raises:
+        BridgeError: if it does not.
+    """
+    guard = Guard(link, msgspec.structs.replace(firmware.spec(), deadline_s=1.0))
+    for sequence in range(round(ENABLING_S / PERIOD_S)):
+        now_s = time.monotonic()
+        guard.on_packet(encode_command(Setpoint(sequence, now_s, *FORWARD)), now_s)
+        if guard.phase is Phase.DRIVING:
+            return
+        firmware.serve(PERIOD_S)
+        guard.on_feedback(time.monotonic())
+        guard.on_time(time.monotonic())
+    raise BridgeError(f"the {firmware.name} robot was never enabled")

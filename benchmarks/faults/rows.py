@@ -1,0 +1,49 @@
+"""What the benchmark writes: one row a fault and bridge."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One line of the table; what was only counted has no times, what was timed has no count."""
+
+    fault: str
+    bridge: str
+    trials: int
+    p50_ms: float | None = None
+    p95_ms: float | None = None
+    max_ms: float | None = None
+    passed: int | None = None
+    """Bad commands or forged frames that got through."""
+
+
+def timed(fault: str, bridge: str, seconds: Sequence[float]) -> Row:
+    """Summarize times."""
+    p50, p95 = np.percentile(seconds, (50.0, 95.0)) * 1e3
+    return Row(fault, bridge, len(seconds), float(p50), float(p95), max(seconds) * 1e3)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Format rows as a Markdown table."""
+    lines = ["| fault | bridge | trials | p50 ms | p95 ms | max ms | passed |", "|---" * 7 + "|"]
+    for row in rows:
+        times = (_cell(row.p50_ms), _cell(row.p95_ms), _cell(row.max_ms))
+        cells = (
+            row.fault,
+            row.bridge,
+            f"{row.trials:,}",
+            *times,
+            "" if row.passed is None else f"{row.passed}",
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _cell(milliseconds: float | None) -> str:
+    """Show three digits."""
+    if milliseconds is None:
+        return ""
+    return f"{milliseconds:.{max(2 - math.floor(math.log10(milliseconds)), 0)}f}"

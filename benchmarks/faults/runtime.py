@@ -1,0 +1,41 @@
+"""``python -m benchmarks.faults.runtime SPEC COMMANDS``: drives as ``edge-run`` does, at 50 Hz.
+
+Prints the guard's process number, and after COMMANDS the monotonic time of each call that sent one.
+"""
+
+import sys
+import time
+
+import msgspec
+
+from benchmarks.faults.firmware import PERIOD_S
+from edge_runtime.messages import Command
+from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guarded_bridge import GuardedBridge
+
+
+def drive(bridge: GuardedBridge, commands: int) -> list[float]:
+    """Command on a grid of deadlines; returns when."""
+    sent = []
+    due_s = time.monotonic()
+    for sequence in range(commands):
+        due_s += PERIOD_S
+        time.sleep(max(due_s - time.monotonic(), 0.0))
+        bridge.read()
+        now_s = time.monotonic()
+        bridge.write(Command(0, sequence, now_s, (1.0, 0.0), (0.5, 0.0)))
+        sent.append(now_s)
+    return sent
+
+
+def main() -> None:
+    """Drive one robot."""
+    spec = msgspec.json.decode(sys.argv[1], type=GuardSpec)
+    with GuardedBridge(spec) as bridge:
+        print(bridge.guard_pid, flush=True)
+        sent = drive(bridge, int(sys.argv[2]))
+    print(msgspec.json.encode(sent).decode(), flush=True)
+
+
+if __name__ == "__main__":
+    main()
