@@ -65,6 +65,7 @@ static const Engine *const *engines(void)
 typedef struct {
     PyObject_HEAD
     Network net;
+    Py_buffer action, result; /* the arrays that a step reads and writes, looked up once */
 } NetworkObject;
 
 /* A view of an array's numbers; false with an exception set unless it has that format and size. */
@@ -167,9 +168,22 @@ static bool allocate_buffers(Network *net)
     return !PyErr_Occurred();
 }
 
+static bool view_ends(NetworkObject *self, PyObject *action, PyObject *result)
+{
+    const Py_ssize_t count = (Py_ssize_t)self->net.batch * self->net.action_dim;
+    if (!view(action, "f", count, "action", &self->action) ||
+        !view(result, "f", count * (1 + self->net.action_dim), "result", &self->result))
+        return false;
+    if (self->result.readonly)
+        PyErr_SetString(PyExc_ValueError, "result must be writable");
+    return !self->result.readonly;
+}
+
 static void network_dealloc(NetworkObject *self)
 {
     Network *net = &self->net;
+    PyBuffer_Release(&self->action);
+    PyBuffer_Release(&self->result);
     for (int l = 0; l < net->layers; l++) {
         free(net->layer[l].matrix);
         free(net->layer[l].bias);
@@ -188,10 +202,11 @@ static void network_dealloc(NetworkObject *self)
 static PyObject *network_new(PyTypeObject *type, PyObject *arguments, PyObject *Py_UNUSED(keywords))
 {
     const char *engine;
-    PyObject *widths, *arrays;
+    PyObject *widths, *arrays, *action, *result;
     Network net = {0};
-    if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!", &engine, &net.silu, &net.action_dim, &net.observation_dim,
-                          &net.euler_steps, &net.batch, &PyTuple_Type, &widths, &PyTuple_Type, &arrays))
+    if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!OO", &engine, &net.silu, &net.action_dim, &net.observation_dim,
+                          &net.euler_steps, &net.batch, &PyTuple_Type, &widths, &PyTuple_Type, &arrays, &action,
+                          &result))
         return NULL;
     net.engine = find_engine(engine);
     if (net.engine == NULL)
@@ -200,7 +215,8 @@ static PyObject *network_new(PyTypeObject *type, PyObject *arguments, PyObject *
     if (self == NULL)
         return NULL;
     self->net = net;
-    if (set_widths(&self->net, widths) && load_weights(&self->net, arrays) && allocate_buffers(&self->net))
+    if (set_widths(&self->net, widths) && load_weights(&self->net, arrays) && allocate_buffers(&self->net) &&
+        view_ends(self, action, result))
         return (PyObject *)self;
     Py_DECREF(self);
     return NULL;
@@ -217,25 +233,16 @@ static PyObject *network_observe(NetworkObject *self, PyObject *observation)
     Py_RETURN_NONE;
 }
 
-static PyObject *network_step(NetworkObject *self, PyObject *arguments)
+static PyObject *network_step(NetworkObject *self, PyObject *number)
 {
     Network *net = &self->net;
-    const Py_ssize_t count = (Py_ssize_t)net->batch * net->action_dim;
-    PyObject *action_array, *result_array;
-    Py_buffer action, result;
-    int k;
-    if (!PyArg_ParseTuple(arguments, "iOO", &k, &action_array, &result_array))
+    const long k = PyLong_AsLong(number);
+    if (k == -1 && PyErr_Occurred())
         return NULL;
     if (k < 0 || k >= net->euler_steps)
-        return PyErr_Format(PyExc_IndexError, "step %d of %d", k, net->euler_steps);
-    if (!view(action_array, "f", count, "action", &action))
-        return NULL;
-    if (view(result_array, "f", count * (1 + net->action_dim), "result", &result)) {
-        net->engine->step(net, k, action.buf, result.buf);
-        PyBuffer_Release(&result);
-    }
-    PyBuffer_Release(&action);
-    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+        return PyErr_Format(PyExc_IndexError, "step %ld of %d", k, net->euler_steps);
+    net->engine->step(net, (int)k, self->action.buf, self->result.buf);
+    Py_RETURN_NONE;
 }
 
 /* Reads one term from its numbers (kernel.py, `encode`) and returns where the next one starts; NULL if cut short. */
@@ -284,7 +291,7 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
 
 static PyMethodDef network_methods[] = {
     {"observe", (PyCFunction)network_observe, METH_O, "observe(observation): float32 (B, O)"},
-    {"step", (PyCFunction)network_step, METH_VARARGS, "step(k, action, result): float32 (B, d), (B, 1 + d, d)"},
+    {"step", (PyCFunction)network_step, METH_O, "step(k): reads action (B, d), writes result (B, 1 + d, d)"},
     {"sample", (PyCFunction)network_sample, METH_VARARGS,
      "sample(projection, count, terms, start, left_s) -> (action, steps, projections, fault, costs)"},
     {0}};
@@ -294,7 +301,7 @@ static PyTypeObject network_type = {
     .tp_basicsize = sizeof(NetworkObject),
     .tp_dealloc = (destructor)network_dealloc,
     .tp_flags = Py_TPFLAGS_DEFAULT,
-    .tp_doc = "Network(engine, silu, (d, O, T, B), widths, arrays); kernel.py says which arrays.",
+    .tp_doc = "Network(engine, silu, (d, O, T, B), widths, arrays, action, result); kernel.py says which arrays.",
     .tp_methods = network_methods,
     .tp_new = network_new,
 };

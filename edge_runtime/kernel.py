@@ -40,7 +40,7 @@ class _Network(Protocol):
     """What is used of ``_kernel.Network``."""
 
     def observe(self, observation: Array) -> None: ...
-    def step(self, k: int, action: Array, result: Array) -> None: ...
+    def step(self, k: int) -> None: ...
     def sample(
         self, projection: int, count: int, terms: "array[float]", start: Vector2, left_s: float
     ) -> tuple[Vector2, int, int, int, tuple[float, ...]]: ...
@@ -57,6 +57,8 @@ class _Kernel(Protocol):
         sizes: tuple[int, ...],
         widths: tuple[int, ...],
         arrays: tuple[object, ...],
+        action: Array,
+        result: Array,
     ) -> _Network: ...
 
 
@@ -100,10 +102,10 @@ class CompiledPolicy:
         kernel = load_kernel()
         self.engine = engine or kernel.engines()[0]
         """The instruction set in use."""
-        self._network = _build(kernel, weights, euler_steps, batch, self.engine)
         self._action = np.empty((batch, self.action_dim), np.float32)
-        self._result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
-        self._velocity_and_tangents = self._result.transpose(1, 0, 2)
+        result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
+        self._velocity_and_tangents = result.transpose(1, 0, 2)
+        self._network = _build(kernel, weights, euler_steps, self._action, result, self.engine)
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.
@@ -122,7 +124,7 @@ class CompiledPolicy:
     def step(self, k: int, action: npt.ArrayLike) -> Array:
         """Velocity and Jacobian at flow time k / T; see `VelocityField.step`."""
         self._action[:] = action
-        self._network.step(k, self._action, self._result)
+        self._network.step(k)
         return self._velocity_and_tangents
 
     def sample(
@@ -168,7 +170,11 @@ def encode(objective: Objective, outlook: Outlook, factor: float) -> list[float]
     return numbers
 
 
-def _build(kernel: _Kernel, weights: FlowWeights, euler_steps: int, batch: int, engine: str) -> _Network:
+def _build(
+    kernel: _Kernel, weights: FlowWeights, euler_steps: int, action: Array, result: Array, engine: str
+) -> _Network:
+    """The network for the batch of ``action`` (B, d), which its steps read; ``result`` is what they write."""
+
     def contiguous(values: npt.ArrayLike) -> Array:
         return np.ascontiguousarray(values, np.float32)
 
@@ -183,8 +189,9 @@ def _build(kernel: _Kernel, weights: FlowWeights, euler_steps: int, batch: int, 
         contiguous(weights.matrices[-1].T),
         contiguous(weights.biases[-1]),
     )
-    sizes = (weights.action_dim, weights.observation_dim, euler_steps, batch)
+    sizes = (weights.action_dim, weights.observation_dim, euler_steps, len(action))
     try:
-        return kernel.Network(engine, weights.activation == "silu", sizes, weights.hidden, arrays)
+        silu = weights.activation == "silu"
+        return kernel.Network(engine, silu, sizes, weights.hidden, arrays, action, result)
     except ValueError as error:
         raise PolicyError(f"the compiled kernel cannot hold this network: {error}") from error
