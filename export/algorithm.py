@@ -21,7 +21,7 @@ class TrainingSettings:
     epochs: int = 4
     minibatch: int = 3200
     """Samples of single robots in one gradient step."""
-    discount: float = 0.95
+    discount: float = 0.97
     gae_lambda: float = 0.9
     learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3

@@ -1,5 +1,6 @@
 """One training run in its directory: start or resume, train, validate, checkpoint."""
 
+import math
 import subprocess
 import time
 from collections.abc import Callable
@@ -49,8 +50,10 @@ class TrainingRun:
 
     @property
     def total_frames(self) -> int:
-        """Team frames at which the run is finished."""
-        return self.trainer.settings.frames
+        """Team frames at which the run is finished: those asked for, rounded up to whole updates."""
+        settings = self.trainer.settings
+        per_update = settings.environments * settings.steps
+        return math.ceil(settings.frames / per_update) * per_update
 
     def train(self, show: Callable[[MetricsRow], None]) -> None:
         """Train to the end; ``show`` is called after every update.

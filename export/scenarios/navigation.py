@@ -25,9 +25,11 @@ ARENA_HALF_WIDTH_M = 1.0
 SPAWN_DISTANCE_M = 2 * RADIUS_M + 0.05
 """Least distance between any two robots or goals when an episode starts."""
 
-COLLISION_PENALTY = -2.0
-PENALTY_GAP_M = 0.03
+COLLISION_PENALTY = -3.0
+PENALTY_GAP_M = 0.02
 """Gap between two discs below which both pay the penalty: wider than VMAS' 5 mm, to train with a margin."""
+ARRIVAL_REWARD = 0.1
+"""Paid to all in each step in which all stand on their goals: makes a parked robot give way to another."""
 START_SPEED_M_S = 0.3
 """Training episodes start moving, up to this speed along each axis, so that the policy also knows
 states that guidance leads to and that it would not enter by itself."""
@@ -75,6 +77,7 @@ class Navigation:
             n_agents=ROBOTS,
             shared_rew=False,
             agent_collision_penalty=COLLISION_PENALTY,
+            final_reward=ARRIVAL_REWARD,
         )
         self._vmas.scenario.min_collision_distance = PENALTY_GAP_M
         self.reset()
