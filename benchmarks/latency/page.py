@@ -8,7 +8,6 @@ from benchmarks.latency.budgets import Verdict
 from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
 from benchmarks.latency.machine import Machine
-from benchmarks.latency.pictures import way
 from benchmarks.latency.rows import Row
 
 
@@ -102,7 +101,7 @@ def _footprints(footprints: Sequence[Footprint]) -> str:
 
 def _paced(rows: Sequence[Row]) -> str:
     header = ["loop", "median µs", "best part", "p99", "p99.9"]
-    return _table(header, [[f"{r.backend}, {r.paced_hz:g} Hz{way(r)}", *_durations(r)] for r in rows])
+    return _table(header, [[row.loop, *_durations(row)] for row in rows])
 
 
 def _growth(index: int, growths: Sequence[Growth]) -> str:

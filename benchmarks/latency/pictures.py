@@ -30,17 +30,11 @@ def draw_sweep(growths: Sequence[Growth], path: Path) -> None:
 def draw_paced(rows: Sequence[Row], path: Path) -> None:
     """Median and 99.9th percentile of the paced loops."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    labels = [f"{row.backend}\n{row.paced_hz:g} Hz{way(row)}" for row in rows]
     places = range(len(rows))
     axes.bar(places, [row.p99_9_us for row in rows], color="0.8", label="99.9 %")
     axes.bar(places, [row.median_us for row in rows], color="tab:blue", label="median")
-    axes.set_xticks(places, labels, fontsize=6, rotation=90)
+    axes.set_xticks(places, [row.loop for row in rows], fontsize=6, rotation=90)
     axes.set(ylabel="one tick in a sleeping loop (µs)", yscale="log")
     axes.legend()
     figure.savefig(path, dpi=120)
     plt.close(figure)
-
-
-def way(row: Row) -> str:
-    """How a paced row's process was scheduled."""
-    return f"{', real-time' if row.realtime else ''}{', early wake' if row.early_wake else ''}"

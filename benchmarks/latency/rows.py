@@ -41,6 +41,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         sizes = (self.layers, self.observation_dim, self.action_dim, self.T, self.M, self.K, self.batch)
         return (self.backend, *sizes, self.paced_hz, self.realtime, self.early_wake)
 
+    @property
+    def loop(self) -> str:
+        """Name of a paced row's loop."""
+        ways = ", real-time" * self.realtime + ", early wake" * self.early_wake
+        return f"{self.backend}, {self.paced_hz:g} Hz{ways}"
+
 
 def make_row(backend: str, case: Case, timing: Timing, eager: Timing | None = None, **paced: object) -> Row:
     """Summarize one contender's ticks."""
