@@ -26,7 +26,9 @@ examples:
   edge-run --robot-id 2 --fleet fleet.toml --policy policies/navigation --json run.json
   edge-run --robot-id 0 --objectives slow.toml --duration 20
   edge-run --robot-id 0 --no-guidance     what the policy does by itself
-  edge-run --robot-id 0 --dry-run         compute everything, command nothing"""
+  edge-run --robot-id 0 --dry-run         compute everything, command nothing
+  edge-run --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm
+  edge-run --robot-id 0 --bridge mavlink --help"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -72,7 +74,7 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         "--bridge",
         choices=bridges,
         default="sim",
-        help="link to the robot (default: sim, all in this process)",
+        help="link to the robot (default: sim, all in this process); with --help shows the link's own flags",
     )
     add(
         "--rate",
@@ -108,6 +110,17 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     )
     add("--json", type=Path, metavar="FILE", help="write the report there")
     return parser
+
+
+def chosen_bridge(arguments: Sequence[str] | None, bridges: Sequence[str]) -> str:
+    """Return the bridge that the command line names, whose own flags are still to be added.
+
+    Raises:
+        ConfigError: lists the known bridges.
+    """
+    parser = _Parser(prog="edge-run", add_help=False, allow_abbrev=False)
+    parser.add_argument("--bridge", choices=bridges, default="sim")
+    return str(parser.parse_known_args(arguments)[0].bridge)
 
 
 def make_mission(flags: argparse.Namespace) -> Mission:

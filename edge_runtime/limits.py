@@ -25,6 +25,8 @@ class Limits(msgspec.Struct, frozen=True, gc=False):
     max_step: float
     """Greatest change of each action component from one command to the next; may be infinite."""
     max_state_age_s: float
+    max_speed_m_s: float = math.inf
+    """Greatest velocity setpoint; a longer one is shortened, its direction kept."""
 
 
 def limited(
@@ -52,7 +54,7 @@ def limited(
     x, y = (_component(wanted, last, low, high, limits.max_step) for wanted, last, low, high in steps)
     keep, gain = limits.preview.velocity_decay, limits.preview.velocity_gain
     vx, vy = team.own.velocity_m_s
-    velocity = (keep * vx + gain * x, keep * vy + gain * y)
+    velocity = _shortened((keep * vx + gain * x, keep * vy + gain * y), limits.max_speed_m_s)
     return Command(team.own.robot_id, previous.sequence + 1, now_s, (x, y), velocity)
 
 
@@ -82,6 +84,13 @@ def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
 def _component(wanted: float, last: float, low: float, high: float, max_step: float) -> float:
     stepped = min(max(wanted, last - max_step), last + max_step)
     return min(max(stepped, low), high)
+
+
+def _shortened(velocity: Vector2, max_speed: float) -> Vector2:
+    speed = math.hypot(*velocity)
+    if speed <= max_speed:
+        return velocity
+    return velocity[0] * max_speed / speed, velocity[1] * max_speed / speed
 
 
 def _usable(state: RobotState) -> bool:

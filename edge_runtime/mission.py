@@ -49,8 +49,11 @@ class Mission:
         """The control period."""
         return 1.0 / self.rate_hz
 
-    def controllers(self) -> dict[int, Controller]:
+    def controllers(self, max_speed_m_s: float = math.inf) -> dict[int, Controller]:
         """One controller for every robot of the fleet; they share one policy and must take turns.
+
+        Args:
+            max_speed_m_s: greatest velocity setpoint that the link to the robot takes.
 
         Raises:
             PolicyError: if the backend cannot run the bundle's policy.
@@ -59,7 +62,7 @@ class Mission:
         # Objectives look ahead in the policy's own control steps, whatever the rate it is run at.
         guidance = self.steering.guidance
         guide = Guide(guidance, self.objectives, self.bundle.manifest.dynamics)
-        limits = self._limits()
+        limits = self._limits(max_speed_m_s)
         return {
             robot.id: Controller(
                 robot.id,
@@ -73,7 +76,7 @@ class Mission:
             for robot in self.fleet.robots
         }
 
-    def _limits(self) -> Limits:
+    def _limits(self, max_speed_m_s: float) -> Limits:
         team, manifest = self.fleet.team, self.bundle.manifest
         x, y = manifest.action
         return Limits(
@@ -82,6 +85,7 @@ class Mission:
             preview=manifest.dynamics.at_period(self.period_s).preview(1),
             max_step=math.inf if team.slew_per_s is None else team.slew_per_s * self.period_s,
             max_state_age_s=team.max_state_age_s,
+            max_speed_m_s=max_speed_m_s,
         )
 
     def _check_apart(self, place: str) -> None:

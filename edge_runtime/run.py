@@ -9,16 +9,16 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from edge_runtime.console import LiveLine, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
-from edge_runtime.flags import make_mission, make_parser
+from edge_runtime.flags import chosen_bridge, make_mission, make_parser
 from edge_runtime.fleet import FleetLink
-from edge_runtime.messages import TeamState
+from edge_runtime.messages import Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
@@ -28,13 +28,25 @@ from edge_runtime.signals import StopSignals
 if TYPE_CHECKING:
     from firmware_bridge.bridge import Bridge
 
-BRIDGES: Final = {"sim": "firmware_bridge.sim"}
-"""Modules whose ``open_bridge(mission)`` makes a bridge and the link to the team; imported when chosen."""
+BRIDGES: Final = {
+    "sim": "firmware_bridge.sim",
+    "can": "firmware_bridge.can_bridge",
+    "mavlink": "firmware_bridge.mavlink_bridge",
+}
+"""Modules that offer ``add_arguments``, ``options_from`` and ``open_bridge``; imported when chosen."""
 STAGES: Final = ("read", "observe", "act", "limit", "write")
 ACTION_SHARE: Final = 0.8
 """Share of the period by whose end the action must be sampled; the rest is for the command's way out."""
 HOLD_S: Final = 1.0
 """The run ends when all robots have been at their goals for this long."""
+
+
+class Alone:
+    """The team of a robot that has none."""
+
+    def teammates(self) -> tuple[Teammate, ...]:
+        """Return nobody."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,7 @@ def run(
     Raises:
         BridgeError: if the link to the robot fails.
     """
-    session = _prepare(mission, dry_run=dry_run)
+    session = _prepare(mission, bridge.max_speed_m_s, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -115,8 +127,8 @@ def run(
     return report
 
 
-def _prepare(mission: Mission, *, dry_run: bool) -> Session:
-    controller = mission.controllers()[mission.robot_id]
+def _prepare(mission: Mission, max_speed_m_s: float, *, dry_run: bool) -> Session:
+    controller = mission.controllers(max_speed_m_s)[mission.robot_id]
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
     grid = DeadlineGrid(mission.period_s)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
@@ -129,24 +141,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with contextlib.ExitStack() as stack:
             try:
-                flags = make_parser(tuple(BRIDGES)).parse_args(arguments)
+                link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
+                parser = make_parser(tuple(BRIDGES))
+                link.add_arguments(parser)
+                flags = parser.parse_args(arguments)
                 mission = make_mission(flags)
                 if flags.json:
                     _check_writable(flags.json)
                 signals = stack.enter_context(StopSignals())
-                bridge = stack.enter_context(_bridge(flags.bridge, mission))
+                bridge = stack.enter_context(link.open_bridge(mission, link.options_from(flags)))
             except EdgeError as error:
                 return _complain(error, 2)
-            report = run(mission, bridge, bridge, signals, flags.duration, dry_run=flags.dry_run)
+            fleet = bridge if flags.bridge == "sim" else Alone()
+            report = run(mission, bridge, fleet, signals, flags.duration, dry_run=flags.dry_run)
     except EdgeError as error:
         return _complain(error, 1)
     if flags.json:
         flags.json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     return 0
-
-
-def _bridge(name: str, mission: Mission) -> Any:  # noqa: ANN401  # a Bridge that is a FleetLink as well
-    return importlib.import_module(BRIDGES[name]).open_bridge(mission)
 
 
 def _complain(error: EdgeError, code: int) -> int:

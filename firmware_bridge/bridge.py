@@ -1,11 +1,9 @@
 """The one object in which simulation and reality differ."""
 
 from types import TracebackType
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from edge_runtime.messages import Command, RobotState
-
-Self = TypeVar("Self")
 
 
 class Bridge(Protocol):
@@ -17,8 +15,10 @@ class Bridge(Protocol):
 
     name: str
     """What reports call this link, such as ``sim`` or ``can``."""
+    max_speed_m_s: float
+    """Greatest speed that the link lets through; may be infinite."""
 
-    def __enter__(self: Self) -> Self:
+    def __enter__(self) -> "Bridge":
         """Open the link."""
         ...
 

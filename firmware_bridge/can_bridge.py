@@ -6,6 +6,7 @@ import msgspec
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.manifest import Manifest
+from edge_runtime.mission import Mission
 from firmware_bridge.can_codec import CanCodec
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_link import CanOptions
@@ -51,8 +52,13 @@ def options_from(arguments: argparse.Namespace) -> CanFlags:
     )
 
 
-def open_bridge(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: float) -> GuardedBridge:
-    """Check everything that can be checked without the bus and return the bridge, ready to be entered.
+def open_bridge(mission: Mission, options: CanFlags) -> GuardedBridge:
+    """Return the mission's bridge, ready to be entered; raises as `make_spec`."""
+    return GuardedBridge(make_spec(mission.robot_id, mission.bundle.manifest, options, mission.rate_hz))
+
+
+def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: float) -> GuardSpec:
+    """Check everything that can be checked without the bus and describe the guard.
 
     Raises:
         ConfigError: if profile, DBC, limits or rates do not fit.
@@ -61,16 +67,14 @@ def open_bridge(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: f
     profile = load_profile(path)
     CanCodec(profile, path)
     _check_rate(profile, rate_hz)
-    return GuardedBridge(
-        GuardSpec(
-            link="can",
-            robot_id=robot_id,
-            deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-            limits=Limits(_speed_limit(profile, options), _action_limit(manifest)),
-            options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
-            arm=options.guard.arm,
-            allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
-        )
+    return GuardSpec(
+        link="can",
+        robot_id=robot_id,
+        deadline_s=deadline_s(1.0 / rate_hz, options.guard),
+        limits=Limits(_speed_limit(profile, options), _action_limit(manifest)),
+        options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
+        arm=options.guard.arm,
+        allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
     )
 
 

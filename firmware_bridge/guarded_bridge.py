@@ -40,7 +40,8 @@ class GuardedBridge:
     """
 
     def __init__(self, spec: GuardSpec) -> None:
-        self.name = spec.link
+        self.name: str = spec.link
+        self.max_speed_m_s = spec.limits.speed_m_s
         self.counts = Counts()
         """What became of the commands, as the guard last reported."""
         self.phase = Phase.WATCHING

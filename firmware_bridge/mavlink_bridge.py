@@ -9,6 +9,7 @@ import msgspec
 from edge_runtime.errors import ConfigError
 from edge_runtime.manifest import Manifest
 from edge_runtime.messages import Vector2
+from edge_runtime.mission import Mission
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 from firmware_bridge.guarded_bridge import GuardedBridge
@@ -85,8 +86,13 @@ def options_from(arguments: argparse.Namespace) -> MavlinkFlags:
     )
 
 
-def open_bridge(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz: float) -> GuardedBridge:
-    """Check everything that can be checked without the link and return the bridge, ready to be entered.
+def open_bridge(mission: Mission, options: MavlinkFlags) -> GuardedBridge:
+    """Return the mission's bridge, ready to be entered; raises as `make_spec`."""
+    return GuardedBridge(make_spec(mission.robot_id, mission.bundle.manifest, options, mission.rate_hz))
+
+
+def make_spec(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz: float) -> GuardSpec:
+    """Check everything that can be checked without the link and describe the guard.
 
     Raises:
         ConfigError: names the flag that does not fit.
@@ -103,7 +109,7 @@ def open_bridge(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_h
         signing_key=options.signing_key,
     )
     action_limit = max(max(abs(field.low), abs(field.high)) for field in manifest.action)
-    spec = GuardSpec(
+    return GuardSpec(
         link="mavlink",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
@@ -112,7 +118,6 @@ def open_bridge(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_h
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
     )
-    return GuardedBridge(spec)
 
 
 def _check(options: MavlinkFlags) -> None:

@@ -1,5 +1,7 @@
 """The bridge to a simulated team: the plant and the other robots run in this process."""
 
+import argparse
+import math
 import time
 from collections.abc import Callable, Mapping
 from types import TracebackType
@@ -27,6 +29,7 @@ class SimBridge:
     """
 
     name = "sim"
+    max_speed_m_s = math.inf
 
     def __init__(
         self,
@@ -95,7 +98,15 @@ class SimBridge:
         return tuple(mate for other, mate in self._team.items() if other != robot_id)
 
 
-def open_bridge(mission: Mission) -> SimBridge:
+def add_arguments(_parser: argparse.ArgumentParser) -> None:
+    """Add nothing: a simulated team needs no flags."""
+
+
+def options_from(_flags: argparse.Namespace) -> None:
+    """Return nothing; see `add_arguments`."""
+
+
+def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
     """Simulate the mission's fleet; the other robots run its policy and objectives."""
     controllers = mission.controllers()
     del controllers[mission.robot_id]

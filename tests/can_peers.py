@@ -1,5 +1,6 @@
 """Peers for the CAN tests: a chassis on a multicast bus, and a runtime in a process of its own."""
 
+import random
 import subprocess
 import sys
 import threading
@@ -16,6 +17,12 @@ from firmware_bridge.guard_link import Limits
 from firmware_bridge.guard_spec import GuardSpec
 
 COMMANDS = (0x111, 0x131, 0x421, 0x441)
+
+
+def multicast_address() -> str:
+    """A bus between processes that no other test uses."""
+    a, b, port = random.randrange(256), random.randrange(1, 255), random.randrange(43200, 60000)
+    return f"udp_multicast:239.75.{a}.{b}?port={port}"
 
 
 def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> GuardSpec:

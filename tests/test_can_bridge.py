@@ -19,7 +19,7 @@ from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import ConfigError
 from edge_runtime.manifest import ActionField, Body, Manifest
 from edge_runtime.messages import Command
-from firmware_bridge.can_bridge import add_arguments, open_bridge, options_from
+from firmware_bridge.can_bridge import add_arguments, make_spec, options_from
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_frame import Frame
 from firmware_bridge.can_limo import FrameReader, frame_bytes
@@ -51,7 +51,7 @@ def parsed(*flags):
 
 
 def specification(*flags, rate_hz=20.0):
-    return open_bridge(2, MANIFEST, parsed(*flags), rate_hz)._spec
+    return make_spec(2, MANIFEST, parsed(*flags), rate_hz)
 
 
 def test_flags_become_a_specification():

@@ -1,13 +1,12 @@
 """The guard as a real process on a real (multicast) bus: what the firmware sees when its peers die."""
 
 import os
-import random
 import signal
 import time
 from pathlib import Path
 
 import pytest
-from can_peers import Chassis, guard_spec, start_runtime
+from can_peers import Chassis, guard_spec, multicast_address, start_runtime
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
@@ -20,8 +19,7 @@ HALF = bytes.fromhex("01f4000000000000")  # 500 mm/s
 
 @pytest.fixture
 def address():
-    a, b, port = random.randrange(256), random.randrange(1, 255), random.randrange(43200, 60000)
-    return f"udp_multicast:239.75.{a}.{b}?port={port}"
+    return multicast_address()
 
 
 def stop_of(frames):

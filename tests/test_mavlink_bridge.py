@@ -8,7 +8,8 @@ from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.manifest import ActionField
 from firmware_bridge.guard_link import Limits
-from firmware_bridge.mavlink_bridge import add_arguments, open_bridge, options_from
+from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.mavlink_bridge import add_arguments, make_spec, options_from
 from firmware_bridge.mavlink_link import MavlinkLink, make_link
 from firmware_bridge.mavlink_options import MavlinkOptions
 
@@ -22,7 +23,7 @@ def make_bridge(*flags):
     add_arguments(parser)
     needed = ("--mavlink", "udpin:127.0.0.1:14550", "--mavlink-autopilot", "ardupilot_rover")
     arguments = parser.parse_args([*needed, *flags])
-    return open_bridge(3, MANIFEST, options_from(arguments), 50.0)
+    return GuardedBridge(make_spec(3, MANIFEST, options_from(arguments), 50.0))
 
 
 def options_of(bridge):

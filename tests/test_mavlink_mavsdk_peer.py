@@ -16,7 +16,8 @@ from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
 from firmware_bridge.guard_spec import GuardFlags
 from firmware_bridge.guard_wire import Phase
-from firmware_bridge.mavlink_bridge import MavlinkFlags, open_bridge
+from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec
 
 PERIOD_S = 0.02
 PATIENCE_S = 20.0
@@ -85,7 +86,7 @@ def bridge_to(peer, arm=True):
     # The deadline is generous: these tests are about protocols, and the machine may be busy.
     guard = GuardFlags(arm=arm, deadline_s=1.0)
     options = MavlinkFlags(f"udpout:127.0.0.1:{peer.port}", "px4", guard)
-    return open_bridge(7, MANIFEST, options, 1.0 / PERIOD_S)
+    return GuardedBridge(make_spec(7, MANIFEST, options, 1.0 / PERIOD_S))
 
 
 class Runtime:

@@ -16,6 +16,7 @@ from edge_runtime import run
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from edge_runtime.rate import DeadlineGrid
+from firmware_bridge import sim
 
 NEAR_FLEET = """
 [[robots]]
@@ -119,7 +120,7 @@ def test_the_process_stays_small(bundle):
         ([], "the following arguments are required: --robot-id"),
         (["--robot-id", "9"], "navigation.toml: robots: none has id 9 (--robot-id); known ids: 0, 1, 2, 3"),
         (["--robot-id", "one"], "argument --robot-id: invalid int value: 'one'"),
-        (["--robot-id", "0", "--bridge", "can"], "argument --bridge: invalid choice: 'can' (choose from"),
+        (["--robot-id", "0", "--bridge", "zigbee"], "invalid choice: 'zigbee' (choose from"),
         (["--robot-id", "0", "--rate", "nan"], "argument --rate: must be a number in [1, 1000], got 'nan'"),
         (["--robot-id", "0", "--rate", "0"], "argument --rate: must be a number in [1, 1000], got '0'"),
         (["--robot-id", "0", "--duration", "inf"], "argument --duration: must be a number in [0.001, 1e+09]"),
@@ -144,7 +145,7 @@ def test_bad_input_is_one_line_and_nothing_starts(bundle, capsys, monkeypatch, f
 
 
 def test_the_process_exits_with_2(command):
-    done = subprocess.run([*command, "--bridge", "can"], capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, "--bridge", "zigbee"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
 
 
@@ -162,6 +163,7 @@ class ScriptedBridge:
     """A robot that reports what the script says, and keeps what it was told."""
 
     name = "scripted"
+    max_speed_m_s = math.inf
 
     def __init__(self, script, shut=False):
         self.shut = shut
@@ -208,7 +210,11 @@ def drive(bundle, monkeypatch, tmp_path):
 
     def run_script(script, *flags, shut=False):
         bridge = ScriptedBridge(script, shut)
-        module = types.SimpleNamespace(open_bridge=lambda _: bridge)
+        module = types.SimpleNamespace(
+            add_arguments=sim.add_arguments,
+            options_from=sim.options_from,
+            open_bridge=lambda *_: bridge,
+        )
         monkeypatch.setitem(sys.modules, "scripted_bridge", module)
         monkeypatch.setitem(run.BRIDGES, "sim", "scripted_bridge")
         duration = f"{len(script) / 100:.2f}"

@@ -83,7 +83,7 @@ def test_teammates_tell_the_action_that_moved_them():
 def test_the_guided_team_reaches_its_goals_apart(rate_hz):
     run = mission(rate_hz)
     with open_bridge(run) as bridge:
-        teams = drive(bridge, run.controllers()[0], int(12 * rate_hz))
+        teams = drive(bridge, run.controllers()[0], int(18 * rate_hz))
     goals = [robot.goal_m for robot in run.fleet.robots]
     assert np.linalg.norm(bridge.plant.position_m - goals, axis=-1).max() < 0.1
     for team in teams:
