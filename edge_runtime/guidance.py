@@ -32,7 +32,7 @@ from edge_runtime.kernel import MAX_TERMS, CompiledPolicy, encodable, encode
 from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
-from edge_runtime.projection import BATCH, PLANAR, Projection, cone, cone_batch, weighted_sum
+from edge_runtime.projection import BATCH, PLANAR, Projection, cone, cone_batch
 from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch, TeamBatch, look_ahead, look_ahead_batch
 
 Mode = Literal["none", "hierarchical", "cone", "terminal"]
@@ -145,7 +145,7 @@ def _flow(
         ((vx, vy),), ((jxx, jxy),), ((jyx, jyy),) = policy.step(k, ((ax, ay),)).tolist()
         left = 1.0 - k / total
         hx, hy = ax + left * vx, ay + left * vy
-        gradients, factors = [], []
+        gradients, factors, sum_x, sum_y = [], [], 0.0, 0.0
         costs.clear()
         for objective, outlook, factor in bound:
             cost, gx, gy = _action_slope(objective, outlook, hx, hy)
@@ -153,12 +153,15 @@ def _flow(
                 return _refused(k, f"the gradient of {objective.name} is not finite")
             costs.append(cost)
             if gx or gy:
-                gradients.append((-gx - left * (jxx * gx + jxy * gy), -gy - left * (jyx * gx + jyy * gy)))
+                x, y = -gx - left * (jxx * gx + jxy * gy), -gy - left * (jyx * gx + jyy * gy)
+                gradients.append((x, y))
                 factors.append(factor)
+                sum_x += factor * x
+                sum_y += factor * y
         ex = ey = 0.0
         if gradients:
             ex, ey = guide.combine(gradients, factors, (vx, vy))
-            projections += (ex, ey) != weighted_sum(gradients, factors, (vx, vy))
+            projections += (ex, ey) != (sum_x, sum_y)
         ax += (vx + ex) / total
         ay += (vy + ey) / total
         before, now = now, time.monotonic()
