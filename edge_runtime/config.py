@@ -8,6 +8,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import CarrierSettings, check_network, endpoint
 from edge_runtime.guidance import GuidanceSettings
 from edge_runtime.messages import Vector2
 from edge_runtime.objectives import BUILT_IN, Objective
@@ -32,10 +33,18 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     start_m: Vector2
     """Where a simulated robot starts."""
     goal_m: Vector2
+    address: str | None = None
+    """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
+    neighbours: tuple[int, ...] | None = None
+    """Ids of the robots that it listens to; all others where None."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.id < 2**16:
             raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
+        if self.address is not None:
+            endpoint(self.address)
+        if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):
+            raise ValueError(f"`neighbours` names a robot twice: {list(self.neighbours)}")
 
 
 class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,6 +77,8 @@ class Fleet(msgspec.Struct, frozen=True):
     team: Team
     robots: tuple[Robot, ...]
     steering: Steering
+    carrier: CarrierSettings | None = None
+    """The team's network; None if all its robots are simulated in one process."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -87,6 +98,7 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     team: Team = Team()
     objectives: tuple[Table, ...] = ()
     guidance: GuidanceSettings = GuidanceSettings()
+    carrier: CarrierSettings | None = None
 
 
 class _SteeringTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -95,7 +107,7 @@ class _SteeringTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_fleet(path: Path) -> Fleet:
-    """Read a fleet file: ``[team]``, ``[[robots]]``, ``[[objectives]]``, ``[guidance]``.
+    """Read a fleet file: ``[team]``, ``[[robots]]``, ``[[objectives]]``, ``[guidance]``, ``[carrier]``.
 
     Raises:
         ConfigError: names the file, the key and what is allowed.
@@ -107,8 +119,9 @@ def load_fleet(path: Path) -> Fleet:
     for index, robot_id in enumerate(ids):
         if robot_id in ids[:index]:
             refuse(path, f"robots[{index}].id", f"{robot_id} is taken by robots[{ids.index(robot_id)}]")
+    check_network(path, tables.carrier, tables.robots)
     steering = Steering(_objectives(tables.objectives, path), tables.guidance)
-    return Fleet(path, tables.team, tables.robots, steering)
+    return Fleet(path, tables.team, tables.robots, steering, tables.carrier)
 
 
 def load_steering(path: Path) -> Steering:

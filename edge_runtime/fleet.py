@@ -1,13 +1,129 @@
-"""Where a robot learns of its teammates."""
+"""Where a robot learns of its teammates, and tells them of itself."""
 
-from typing import Protocol
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Protocol
 
-from edge_runtime.messages import Teammate
+from edge_runtime.config import Fleet
+from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_report import FleetReport
+from edge_runtime.fleet_settings import CarrierSettings, endpoint
+from edge_runtime.fleet_team import NetworkTeam, TeamRules
+from edge_runtime.fleet_udp import UdpCarrier
+from edge_runtime.key_file import read_key
+from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.mission import Mission
+from edge_runtime.toml_file import refuse
+
+STALE_PERIODS: Final = 3
+"""A teammate older than this many control periods is masked."""
 
 
 class FleetLink(Protocol):
-    """A robot's view of its team."""
+    """A team that is simulated in this process."""
 
     def teammates(self) -> tuple[Teammate, ...]:
         """Return the newest state of every teammate heard so far, with its age. Never blocks."""
         ...
+
+
+class TeamLink(Protocol):
+    """A robot's link to its team: a context manager whose methods never block."""
+
+    def __enter__(self) -> "TeamLink":
+        """Join the team."""
+        ...
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Leave it; the others will find this robot silent."""
+        ...
+
+    def team(self, own: RobotState) -> TeamState:
+        """Return this tick's view: fresh teammates only, and a fault where no action may rest on it."""
+        ...
+
+    def share(self, own: RobotState, command: Command) -> None:
+        """Tell the others of this robot's state and what it was commanded; once a tick, after the bridge."""
+        ...
+
+    def report(self) -> FleetReport | None:
+        """Return what became of the frames so far; None where there are no frames."""
+        ...
+
+
+class LocalTeam:
+    """The team of a robot whose teammates live in this process, or that has none."""
+
+    def __init__(self, source: FleetLink) -> None:
+        self._source = source
+
+    def __enter__(self) -> "LocalTeam":
+        """Nothing needs opening."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Nothing needs closing."""
+
+    def team(self, own: RobotState) -> TeamState:
+        """Return the team as it is."""
+        return TeamState(own, self._source.teammates())
+
+    def share(self, own: RobotState, command: Command) -> None:
+        """Tell nobody: whoever simulates the others knows already."""
+
+    def report(self) -> None:
+        """Return nothing: there are no frames."""
+
+
+def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
+    """Return the mission's robot's link to its team: the fleet's carrier, or ``local`` where it has none.
+
+    Raises:
+        ConfigError: if the key cannot be used, or this machine does not have the robot's address.
+    """
+    fleet = mission.fleet
+    if fleet.carrier is None:
+        return LocalTeam(local)
+    key = _key(fleet, fleet.carrier)
+    endpoints = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}
+    own = endpoints.pop(mission.robot_id)
+    rules = _rules(mission, fleet.carrier, tuple(endpoints))
+    try:
+        carrier = UdpCarrier(own, endpoints)
+    except ConfigError as error:
+        refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
+    return NetworkTeam(mission.robot_id, tuple(endpoints), rules, carrier, key, time.monotonic)
+
+
+def _key(fleet: Fleet, settings: CarrierSettings) -> bytes:
+    try:
+        return read_key(fleet.path.parent / Path(settings.key).expanduser())
+    except ConfigError as error:
+        refuse(fleet.path, "carrier.key", str(error))
+
+
+def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:
+    neighbours = mission.fleet.robot(mission.robot_id).neighbours
+    neighbours = others if neighbours is None else neighbours
+    return TeamRules(
+        neighbours=neighbours,
+        nearest=min(settings.nearest or len(neighbours), len(neighbours)),
+        stale_s=STALE_PERIODS * mission.period_s,
+        alone_s=settings.alone_s,
+        missing_s=settings.missing_s,
+    )
+
+
+def _index(fleet: Fleet, robot_id: int) -> int:
+    return [robot.id for robot in fleet.robots].index(robot_id)

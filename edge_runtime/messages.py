@@ -30,6 +30,8 @@ class TeamState(msgspec.Struct, frozen=True):
 
     own: RobotState
     teammates: tuple[Teammate, ...] = ()
+    fault: str = ""
+    """Why no action may rest on this view, such as a teammate silent for too long. Else empty."""
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):

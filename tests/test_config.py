@@ -4,6 +4,7 @@ import pytest
 
 from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import CarrierSettings
 from edge_runtime.guidance import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
@@ -82,7 +83,7 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
     "text, expected",
     [
         ("robots = []", "robots: a fleet needs at least one robot"),
-        ("", "robots: missing; allowed: robots, team, objectives, guidance"),
+        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier"),
         (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
         (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
         (ROBOTS.replace("3", "true"), "robots[0].id: Expected `int`, got `bool`"),
@@ -91,19 +92,97 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
         (ROBOTS.replace("0.5", "1e999"), "robots[0].goal_m[1]: must be a finite number, got inf"),
         (ROBOTS.replace("0.5", "'x'"), "robots[0].goal_m[1]: Expected `float`, got `str`"),
         (ROBOTS.replace(", 0.5", ""), "robots[0].goal_m: Expected `array` of length 2, got 1"),
-        (ROBOTS + "gaol = 1", "robots[0].gaol: unknown key; allowed: id, start_m, goal_m"),
-        (ROBOTS.replace("id = 3", ""), "robots[0].id: missing; allowed: id, start_m, goal_m"),
+        (
+            ROBOTS + "gaol = 1",
+            "robots[0].gaol: unknown key; allowed: id, start_m, goal_m, address, neighbours",
+        ),
+        (
+            ROBOTS.replace("id = 3", ""),
+            "robots[0].id: missing; allowed: id, start_m, goal_m, address, neighbours",
+        ),
         (ROBOTS + "[team]\nrate_hz = 'fast'", "team.rate_hz: Expected `float | null`, got `str`"),
         (ROBOTS + "[team]\nrate_hz = 0", "team: `rate_hz` must lie in [1, 1000], got 0"),
         (ROBOTS + "[team]\ngoal_tolerance_m = 0", "team: `goal_tolerance_m` must be above 0, got 0.0"),
         (ROBOTS + "[team]\nmax_state_age_s = nan", "team.max_state_age_s: must be a finite number, got nan"),
         (ROBOTS + "[[team]]", "team: Expected `table`, got `array`"),
-        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance"),
+        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance, carrier"),
         (ROBOTS + "[guidance]\nscale = inf", "guidance.scale: must be a finite number, got inf"),
     ],
 )
 def test_fleets_that_do_not_hold_together(write, text, expected):
     assert complaint(load_fleet, write(text)) == expected
+
+
+TEAM = """
+[carrier]
+key = "team.key"
+[[robots]]
+id = 1
+start_m = [0, 0]
+goal_m = [1, 0]
+address = "127.0.0.1:47001"
+[[robots]]
+id = 2
+start_m = [0, 1]
+goal_m = [1, 1]
+address = "127.0.0.1:47002"
+neighbours = [1]
+"""
+
+
+def test_a_team_of_processes(write):
+    fleet = load_fleet(write(TEAM))
+    assert fleet.carrier == CarrierSettings(
+        key="team.key", type="udp", nearest=None, alone_s=1.0, missing_s=30.0
+    )
+    assert [robot.neighbours for robot in fleet.robots] == [None, (1,)]
+    assert load_fleet(write(TEAM.replace("127.0.0.1", "[::1]"))).robot(1).address == "[::1]:47001"
+    assert load_fleet(write(ROBOTS)).carrier is None
+
+
+ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000, got "
+
+
+@pytest.mark.parametrize(
+    "old, new, expected",
+    [
+        ("47002", "47001", "robots[1].address: 127.0.0.1:47001 is taken by robots[0]"),
+        ("127.0.0.1:47002", "[::1]:47002", "robots[1].address: IPv4 and IPv6 do not mix in one team"),
+        (
+            'address = "127.0.0.1:47002"',
+            "",
+            "robots[1].address: missing; with [carrier] every robot needs one",
+        ),
+        ("127.0.0.1:47001", "0.0.0.0:47001", f"robots[0]: {ADDRESS}'0.0.0.0:47001'"),
+        ("127.0.0.1:47001", "224.0.0.1:47001", f"robots[0]: {ADDRESS}'224.0.0.1:47001'"),
+        ("127.0.0.1:47001", "robot-1:47001", f"robots[0]: {ADDRESS}'robot-1:47001'"),
+        ("127.0.0.1:47001", "127.0.0.1", f"robots[0]: {ADDRESS}'127.0.0.1'"),
+        ("127.0.0.1:47001", "::1:47001", f"robots[0]: {ADDRESS}'::1:47001'"),
+        ("127.0.0.1:47001", "[127.0.0.1]:47001", f"robots[0]: {ADDRESS}'[127.0.0.1]:47001'"),
+        ("47001", "0", f"robots[0]: {ADDRESS}'127.0.0.1:0'"),
+        ("47001", "65536", f"robots[0]: {ADDRESS}'127.0.0.1:65536'"),
+        ("47001", "+1", f"robots[0]: {ADDRESS}'127.0.0.1:+1'"),
+        ("[1]", "[7]", "robots[1].neighbours: no other robot has id 7; others: 1"),
+        ("[1]", "[2]", "robots[1].neighbours: no other robot has id 2; others: 1"),
+        ("[1]", "[1, 1]", "robots[1]: `neighbours` names a robot twice: [1, 1]"),
+        ("[1]", "['1']", "robots[1].neighbours[0]: Expected `int`, got `str`"),
+        ("id = 2", "id = 1", "robots[1].id: 1 is taken by robots[0]"),
+        ('key = "team.key"', "", "carrier.key: missing; allowed: key, type, nearest, alone_s, missing_s"),
+        ("[carrier]", "[carrier]\nkee = 1", "carrier.kee: unknown key; allowed: key, type, nearest, "),
+        ("[carrier]", "[carrier]\ntype = 'tcp'", "carrier.type: Invalid enum value 'tcp'; allowed: 'udp'"),
+        ("[carrier]", "[carrier]\nnearest = 0", "carrier: `nearest` must be at least 1, got 0"),
+        ("[carrier]", "[carrier]\nalone_s = 0", "carrier: `alone_s` must be above 0, got 0"),
+        ("[carrier]", "[carrier]\nmissing_s = inf", "carrier.missing_s: must be a finite number, got inf"),
+        (
+            '[carrier]\nkey = "team.key"',
+            "",
+            "robots[0].address: means nothing without [carrier]; add [carrier] ",
+        ),
+    ],
+)
+def test_teams_that_do_not_hold_together(write, old, new, expected):
+    assert old in TEAM
+    assert complaint(load_fleet, write(TEAM.replace(old, new))).startswith(expected)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,108 @@
+"""What a fleet file says about the team's network, and whether it holds together."""
+
+import ipaddress
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+from edge_runtime.toml_file import refuse
+
+if TYPE_CHECKING:
+    from edge_runtime.config import Robot
+
+Endpoint = tuple[str, int]
+"""IP address and port."""
+
+
+class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How robots that run as processes of their own hear each other: the table ``[carrier]``."""
+
+    key: str
+    """File of the team's key, relative to the fleet file."""
+    type: Literal["udp"] = "udp"
+    nearest: int | None = None
+    """A robot listens to this many nearest ones of its neighbours; to all of them where None."""
+    alone_s: float = 1.0
+    """How long a robot drives on while it hears nobody."""
+    missing_s: float = 30.0
+    """How long a robot drives on without any one of those that it listens to."""
+
+    def __post_init__(self) -> None:
+        if self.nearest is not None and self.nearest < 1:
+            raise ValueError(f"`nearest` must be at least 1, got {self.nearest}")
+        for field in ("alone_s", "missing_s"):
+            value = getattr(self, field)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"`{field}` must be above 0, got {value:g}")
+
+
+def endpoint(address: str) -> Endpoint:
+    """Read an address such as ``10.0.0.12:47000`` or ``[fd00::12]:47000``.
+
+    Raises:
+        ValueError: if it is no address of one machine with a port.
+    """
+    host, _, port = address.rpartition(":")
+    try:
+        ip = ipaddress.ip_address(host[1:-1] if host.startswith("[") and host.endswith("]") else host)
+    except ValueError:
+        ip = None
+    bracketed = host.startswith("[")
+    if (
+        ip is None
+        or ip.is_unspecified
+        or ip.is_multicast
+        or bracketed != (ip.version == 6)
+        or not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16)
+    ):
+        raise ValueError(
+            f"`address` must be one machine's IP and port, such as 10.0.0.12:47000, got {address!r}"
+        )
+    return str(ip), int(port)
+
+
+def check_network(path: Path, carrier: CarrierSettings | None, robots: Sequence["Robot"]) -> None:
+    """Check what no robot's entry shows by itself.
+
+    Raises:
+        ConfigError: names the file, the key and what does not hold together.
+    """
+    ids = [robot.id for robot in robots]
+    for index, robot in enumerate(robots):
+        for robot_id in robot.neighbours or ():
+            if robot_id not in ids or robot_id == robot.id:
+                others = ", ".join(str(other) for other in ids if other != robot.id)
+                refuse(
+                    path, f"robots[{index}].neighbours", f"no other robot has id {robot_id}; others: {others}"
+                )
+        if carrier is None:
+            _refuse_without_carrier(path, index, robot)
+    if carrier is not None:
+        _check_addresses(path, robots)
+
+
+def _refuse_without_carrier(path: Path, index: int, robot: "Robot") -> None:
+    for key in ("address", "neighbours"):
+        if getattr(robot, key) is not None:
+            refuse(
+                path,
+                f"robots[{index}].{key}",
+                'means nothing without [carrier]; add [carrier] key = "team.key"',
+            )
+
+
+def _check_addresses(path: Path, robots: Sequence["Robot"]) -> None:
+    taken: list[Endpoint] = []
+    for index, robot in enumerate(robots):
+        key = f"robots[{index}].address"
+        if robot.address is None:
+            refuse(path, key, "missing; with [carrier] every robot needs one, such as 10.0.0.12:47000")
+        place = endpoint(robot.address)
+        if place in taken:
+            refuse(path, key, f"{robot.address} is taken by robots[{taken.index(place)}]")
+        if taken and (":" in place[0]) != (":" in taken[0][0]):
+            refuse(path, key, "IPv4 and IPv6 do not mix in one team")
+        taken.append(place)

@@ -1,0 +1,151 @@
+"""A team of processes: frames in before each tick, frames out after it."""
+
+import math
+from collections.abc import Callable, Sequence
+from types import TracebackType
+
+import msgspec
+
+from edge_runtime.fleet_peer import Peer, random_nonce
+from edge_runtime.fleet_report import FleetReport, Traffic
+from edge_runtime.fleet_udp import Carrier
+from edge_runtime.fleet_wire import FrameError, Refusal, decode, encode
+from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+
+
+class TeamRules(msgspec.Struct, frozen=True):
+    """To whom a robot listens, and what it does when they fall silent."""
+
+    neighbours: tuple[int, ...]
+    """Ids of those it may listen to."""
+    nearest: int
+    """It listens to so many of them; at most all."""
+    stale_s: float
+    """An older teammate is masked."""
+    alone_s: float
+    """How long it drives on while it hears nobody."""
+    missing_s: float
+    """How long it drives on without any one of those that it listens to."""
+
+
+class NetworkTeam:
+    """One robot's link to a team of processes.
+
+    It tells those that it listens to, those that listen to it, and those that ask to join; where it
+    listens to the nearest only, one more robot in turn, so that all learn who comes near.
+
+    Args:
+        robot_id: of this robot.
+        others: ids of all other robots of the fleet.
+        rules: to whom it listens.
+        carrier: takes the packets to them; closed on leaving the context.
+        key: the team's.
+        clock: monotonic time in seconds.
+        nonce: draws the boot id and the challenges.
+    """
+
+    def __init__(
+        self,
+        robot_id: int,
+        others: Sequence[int],
+        rules: TeamRules,
+        carrier: Carrier,
+        key: bytes,
+        clock: Callable[[], float],
+        nonce: Callable[[], int] = random_nonce,
+    ) -> None:
+        self.objectives_version = 0
+        """Of the objectives that this robot follows; rides in every frame."""
+        self._robot_id, self._rules, self._carrier, self._key = robot_id, rules, carrier, key
+        self._clock, self._boot_id, self._sequence = clock, nonce(), 0
+        self._peers = {other: Peer(other, nonce) for other in others}
+        self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
+        self._wanted: frozenset[int] = frozenset(rules.neighbours)
+        self._traffic = Traffic()
+
+    def __enter__(self) -> "NetworkTeam":
+        """Nothing needs opening: the carrier is open."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the carrier."""
+        self._carrier.close()
+
+    def team(self, own: RobotState) -> TeamState:
+        """Take what has arrived and return this tick's view of the team."""
+        now = self._clock()
+        self._receive(now)
+        rules = self._rules
+        neighbours = [self._peers[other] for other in rules.neighbours]
+        heard = [peer.teammate(now) for peer in neighbours if peer.newest is not None]
+        heard.sort(key=lambda mate: math.dist(own.position_m, mate.state.position_m))
+        fresh = [mate for mate in heard if mate.age_s <= rules.stale_s]
+        near, used = heard[: rules.nearest], fresh[: rules.nearest]
+        unheard = [peer.robot_id for peer in neighbours if peer.newest is None]
+        joining = unheard if len(near) < rules.nearest else ()
+        self._wanted = frozenset((*(mate.state.robot_id for mate in (*near, *used)), *joining))
+        self._traffic.used(mate.age_s for mate in used)
+        self._traffic.masked.update(mate.state.robot_id for mate in near if mate.age_s > rules.stale_s)
+        used.sort(key=lambda mate: mate.state.robot_id)
+        return TeamState(own, tuple(used), self._fault(heard, near, unheard))
+
+    def share(self, own: RobotState, command: Command) -> None:
+        """Send this tick's frames."""
+        self._sequence += 1
+        for robot_id in self._audience():
+            frame = self._peers[robot_id].frame(
+                self._boot_id,
+                self._sequence,
+                own,
+                command.action,
+                self.objectives_version,
+                listens=robot_id in self._wanted,
+            )
+            self._carrier.send(robot_id, encode(frame, self._key))
+            self._traffic.sent += 1
+
+    def report(self) -> FleetReport:
+        """Sum up the traffic so far."""
+        heard = {robot_id: peer.newest for robot_id, peer in self._peers.items()}
+        versions = {robot_id: frame.objectives_version for robot_id, frame in heard.items() if frame}
+        return self._traffic.report(self._carrier.failures, versions)
+
+    def _receive(self, now_s: float) -> None:
+        for packet in self._carrier.receive():
+            try:
+                frame = decode(packet, self._key)
+                peer = self._peers.get(frame.state.robot_id)
+                if peer is None or frame.receiver != self._robot_id:
+                    raise FrameError(Refusal.MISDIRECTED)
+                peer.admit(frame, now_s)
+            except FrameError as error:
+                self._traffic.refused[error.cause.value] += 1
+            else:
+                self._traffic.accepted += 1
+
+    def _audience(self) -> set[int]:
+        audience = set(self._wanted)
+        for robot_id, peer in self._peers.items():
+            listens = peer.newest is not None and peer.newest.listens
+            joins = peer.newest is None and peer.answer != 0
+            if listens or joins:
+                audience.add(robot_id)
+        if self._turn:
+            audience.add(self._turn[self._sequence % len(self._turn)])
+        return audience
+
+    def _fault(self, heard: Sequence[Teammate], near: Sequence[Teammate], unheard: Sequence[int]) -> str:
+        rules = self._rules
+        if len(near) < rules.nearest:
+            return f"waits for robots {', '.join(map(str, unheard))}: not heard yet"
+        if heard and min(mate.age_s for mate in heard) > rules.alone_s:
+            return f"no teammate was heard for {rules.alone_s:g} s"
+        for mate in near:
+            if mate.age_s > rules.missing_s:
+                return f"robot {mate.state.robot_id} was not heard for {rules.missing_s:g} s"
+        return ""

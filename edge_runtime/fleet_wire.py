@@ -1,0 +1,110 @@
+"""The frame that one robot sends to another: a fixed layout, authenticated with the team's key.
+
+Little endian: magic, sender, receiver, objective-set version, whether the sender listens to the receiver,
+boot id, sequence, challenge, answer, stamp, position, velocity, heading, intended action; then HMAC-SHA256
+of all that. What the session fields are for: `edge_runtime.fleet_peer`.
+"""
+
+import enum
+import hmac
+import math
+import struct
+from typing import Final
+
+import msgspec
+
+from edge_runtime.messages import RobotState, Vector2
+
+MAGIC: Final = b"CFP\x01"
+"""Its last byte is the version of the layout; change it with the layout."""
+_BODY: Final = struct.Struct("<4sHHI?3xQQQQ8d")
+_TAG_BYTES: Final = 32
+FRAME_BYTES: Final = _BODY.size + _TAG_BYTES
+
+
+class Refusal(enum.Enum):
+    """Why a received frame was dropped."""
+
+    MALFORMED = "malformed"
+    """Not of this length or version."""
+    FOREIGN = "foreign"
+    """Not made with the team's key."""
+    MISDIRECTED = "misdirected"
+    """Made for another robot, or by a robot that the fleet does not know."""
+    NOT_FINITE = "not finite"
+    UNANSWERED = "unanswered"
+    """Opens a session without the answer to our challenge: the first frames of any robot, or a recording."""
+    DUPLICATE = "duplicate"
+    """Received before."""
+    REORDERED = "reordered"
+    """Overtaken by a newer one."""
+    REPLAYED = "replayed"
+    """Too far behind the newest one to have been overtaken."""
+
+
+class FrameError(ValueError):
+    """A frame that is to be dropped."""
+
+    def __init__(self, cause: Refusal) -> None:
+        super().__init__(cause.value)
+        self.cause = cause
+
+
+class Frame(msgspec.Struct, frozen=True, gc=False):
+    """One robot's state as another one receives it; ``state.stamp_s`` is of the sender's clock."""
+
+    receiver: int
+    boot_id: int
+    """Drawn by the sender at each start; sequences of different boots cannot be compared."""
+    sequence: int
+    challenge: int
+    """What the receiver is to answer."""
+    answer: int
+    """The newest challenge that the sender had from the receiver; 0 before the first."""
+    state: RobotState
+    intended_action: Vector2
+    objectives_version: int = 0
+    """Of the objectives that the sender follows."""
+    listens: bool = True
+    """Whether the sender wants the receiver's frames."""
+
+
+def encode(frame: Frame, key: bytes) -> bytes:
+    """Return the authenticated packet of a frame."""
+    state = frame.state
+    body = _BODY.pack(
+        MAGIC,
+        state.robot_id,
+        frame.receiver,
+        frame.objectives_version,
+        frame.listens,
+        frame.boot_id,
+        frame.sequence,
+        frame.challenge,
+        frame.answer,
+        state.stamp_s,
+        *state.position_m,
+        *state.velocity_m_s,
+        state.heading_rad,
+        *frame.intended_action,
+    )
+    return body + hmac.digest(key, body, "sha256")
+
+
+def decode(packet: bytes, key: bytes) -> Frame:
+    """Read a packet.
+
+    Raises:
+        FrameError: if it is malformed, not made with this key, or holds a number that is not finite.
+    """
+    if len(packet) != FRAME_BYTES or packet[: len(MAGIC)] != MAGIC:
+        raise FrameError(Refusal.MALFORMED)
+    body = packet[: _BODY.size]
+    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), packet[_BODY.size :]):
+        raise FrameError(Refusal.FOREIGN)
+    _, sender, receiver, version, listens, boot_id, sequence, challenge, answer, *numbers = _BODY.unpack(body)
+    if not all(map(math.isfinite, numbers)):
+        raise FrameError(Refusal.NOT_FINITE)
+    stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers
+    state = RobotState(sender, stamp, (x, y), (v_x, v_y), heading)
+    return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), version, listens)

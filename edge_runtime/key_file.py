@@ -1,0 +1,45 @@
+"""Secret keys in files of their own: never in TOML, never open to other users."""
+
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.errors import ConfigError
+
+KEY_BYTES: Final = 32
+
+
+def read_key(path: Path) -> bytes:
+    """Read a key: 32 raw bytes, or 64 hexadecimal digits with white space around them.
+
+    Raises:
+        ConfigError: if the file is missing, belongs to or is open to other users, or is not a key.
+    """
+    try:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            content = file.read(4 * KEY_BYTES)
+    except OSError as error:
+        raise ConfigError(
+            f"key {path}: {error.strerror}; create it with: (umask 077 && openssl rand -hex 32 > {path})"
+        ) from error
+    if status.st_uid not in (0, os.geteuid()):
+        raise ConfigError(f"key {path} belongs to user {status.st_uid}; run: chown {os.geteuid()} {path}")
+    if status.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise ConfigError(f"key {path} is open to other users; run: chmod 600 {path}")
+    return _parse(content, path)
+
+
+def _parse(content: bytes, path: Path) -> bytes:
+    if len(content) == KEY_BYTES:
+        return content
+    try:
+        key = bytes.fromhex(content.decode("ascii"))
+    except ValueError:
+        key = b""
+    if len(key) != KEY_BYTES:
+        raise ConfigError(
+            f"key {path} is neither {KEY_BYTES} raw bytes nor {2 * KEY_BYTES} hexadecimal digits"
+        )
+    return key

@@ -1,0 +1,86 @@
+"""Frames survive the way; nothing else passes for one."""
+
+import hashlib
+import hmac
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from edge_runtime.fleet_wire import FRAME_BYTES, Frame, FrameError, Refusal, decode, encode
+from edge_runtime.messages import RobotState
+
+KEY = bytes(range(32))
+FRAME = Frame(2, 3, 4, 5, 6, RobotState(1, 7.0, (8.0, 9.0), (10.0, 11.0), 12.0), (13.0, 14.0), 15, True)
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+vectors = st.tuples(numbers, numbers)
+shorts = st.integers(0, 2**16 - 1)
+longs = st.integers(0, 2**64 - 1)
+states = st.builds(RobotState, shorts, numbers, vectors, vectors, numbers)
+versions = st.integers(0, 2**32 - 1)
+frames = st.builds(Frame, shorts, longs, longs, longs, longs, states, vectors, versions, st.booleans())
+
+
+def refusal(packet, key=KEY):
+    with pytest.raises(FrameError) as caught:
+        decode(packet, key)
+    return caught.value.cause
+
+
+@given(frame=frames, key=st.binary(min_size=32, max_size=32))
+def test_frames_survive_the_way(frame, key):
+    packet = encode(frame, key)
+    assert len(packet) == FRAME_BYTES
+    assert decode(packet, key) == frame
+
+
+def test_the_layout_is_the_documented_one():
+    body = b"CFP\x01" + struct.pack("<HHIB3x", 1, 2, 15, 1) + struct.pack("<4Q", 3, 4, 5, 6)
+    body += struct.pack("<8d", *map(float, range(7, 15)))
+    assert encode(FRAME, KEY) == body + hmac.new(KEY, body, hashlib.sha256).digest()
+
+
+def test_every_altered_bit_is_noticed():
+    packet = encode(FRAME, KEY)
+    for bit in range(8 * FRAME_BYTES):
+        altered = bytearray(packet)
+        altered[bit // 8] ^= 1 << bit % 8
+        assert refusal(bytes(altered)) is (Refusal.MALFORMED if bit < 32 else Refusal.FOREIGN)
+
+
+@given(junk=st.binary(max_size=2 * FRAME_BYTES))
+def test_junk_is_refused(junk):
+    assert refusal(junk) is Refusal.MALFORMED
+
+
+@given(body=st.binary(min_size=FRAME_BYTES - 4, max_size=FRAME_BYTES - 4))
+def test_junk_with_the_right_length_and_magic_is_refused(body):
+    assert refusal(b"CFP\x01" + body) is Refusal.FOREIGN
+
+
+@given(frame=frames, key=st.binary(min_size=32, max_size=32).filter(lambda key: key != KEY))
+def test_junk_made_with_another_key_is_refused(frame, key):
+    assert refusal(encode(frame, key)) is Refusal.FOREIGN
+
+
+@given(frame=frames, cut=st.integers(1, FRAME_BYTES), more=st.binary(min_size=1))
+def test_junk_lengths_are_refused(frame, cut, more):
+    packet = encode(frame, KEY)
+    assert refusal(packet[:-cut]) is refusal(packet + more) is Refusal.MALFORMED
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_not_finite_are_refused(bad):
+    state = FRAME.state
+    for frame in (
+        replace(FRAME, intended_action=(0.0, bad)),
+        replace(FRAME, state=replace(state, stamp_s=bad)),
+        replace(FRAME, state=replace(state, position_m=(bad, 0.0))),
+        replace(FRAME, state=replace(state, velocity_m_s=(0.0, bad))),
+        replace(FRAME, state=replace(state, heading_rad=bad)),
+    ):
+        assert refusal(encode(frame, KEY)) is Refusal.NOT_FINITE
