@@ -17,6 +17,10 @@ FOREVER = 1_000_000
 """Commands; a trial ends long before."""
 
 
+class DisturbedError(BridgeError):
+    """The robot was stopped before anything was broken: a busy machine held the runtime past its deadline."""
+
+
 class Drive:
     """A context manager that ends both processes; ``firmware`` serves while anything is waited for."""
 
@@ -36,10 +40,14 @@ class Drive:
         )
 
     def __enter__(self) -> "Drive":
-        """Wait until the robot drives."""
+        """Wait until the robot drives.
+
+        Raises:
+            DisturbedError: if the runtime ended before, with its last words.
+        """
         self.await_(lambda: self._firmware.drives() >= 5 or self.runtime.poll() is not None, "drove")
         if self.runtime.poll() is not None:
-            raise BridgeError(f"the runtime ended: {self.runtime.communicate()[1].splitlines()[-1]}")
+            raise DisturbedError(f"the runtime ended: {self.runtime.communicate()[1].splitlines()[-1]}")
         assert self.runtime.stdout is not None  # noqa: S101 - for the type checker
         self.guard = int(self.runtime.stdout.readline())
         self._guard_ended = os.pidfd_open(self.guard)

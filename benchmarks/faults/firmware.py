@@ -94,6 +94,10 @@ class Firmware(abc.ABC):
         """Return when the last command to drive arrived."""
         return next((h.time_s for h in reversed(self.heard) if h.drives), -math.inf)
 
+    def driving(self) -> bool:
+        """Whether the last command was to drive."""
+        return bool(self.heard) and self.heard[-1].drives
+
     def drives(self) -> int:
         """Count the commands to drive."""
         return sum(heard.drives for heard in self.heard)

@@ -18,12 +18,14 @@ class Row(msgspec.Struct, frozen=True):
     max_ms: float | None = None
     passed: int | None = None
     """Bad commands or forged frames that got through."""
+    repeated: int = 0
+    """Trials that a busy machine stopped before their fault, run again."""
 
 
-def timed(fault: str, bridge: str, seconds: Sequence[float]) -> Row:
+def timed(fault: str, bridge: str, seconds: Sequence[float], repeated: int = 0) -> Row:
     """Summarize times."""
     p50, p95 = np.percentile(seconds, (50.0, 95.0)) * 1e3
-    return Row(fault, bridge, len(seconds), float(p50), float(p95), max(seconds) * 1e3)
+    return Row(fault, bridge, len(seconds), float(p50), float(p95), max(seconds) * 1e3, repeated=repeated)
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -1,17 +1,22 @@
 """Trials of one fault: drive, break something at a random moment, see when the firmware heard of a stop."""
 
+import contextlib
 import os
 import random
 import signal
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from benchmarks.faults.can_firmware import CanFirmware
-from benchmarks.faults.drive import Drive
+from benchmarks.faults.drive import DisturbedError, Drive
 from benchmarks.faults.firmware import PERIOD_S, Firmware
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
 from edge_runtime.errors import BridgeError
+
+ATTEMPTS = 20
+
+Result = TypeVar("Result")
 
 
 def _stop_command(firmware: Firmware, fault_s: float) -> float:
@@ -64,11 +69,14 @@ def run_trial(fault: Fault) -> float:
     """Return the seconds from the fault to the stop.
 
     Raises:
+        DisturbedError: if the robot was stopped before the fault.
         BridgeError: if the robot was not stopped, or was commanded to drive after it was.
     """
     with fault.firmware() as firmware:
         with Drive(firmware) as drive:
             firmware.serve(random.uniform(0.0, PERIOD_S))
+            if not firmware.driving():
+                raise DisturbedError(f"the {firmware.name} robot was stopped before the fault")
             fault_s = time.monotonic()
             fault.cause(firmware, drive)
             drive.await_(lambda: fault.stopped_s(firmware, fault_s) < float("inf"), "stopped")
@@ -76,3 +84,15 @@ def run_trial(fault: Fault) -> float:
         if firmware.last_drive() > stopped_s:
             raise BridgeError(f"{fault.name}: the {firmware.name} robot was told to drive after its stop")
     return stopped_s - fault_s
+
+
+def undisturbed(trial: Callable[[], Result]) -> tuple[Result, int]:
+    """Repeat a trial until this machine lets it come to its fault; returns also how many had to be repeated.
+
+    Raises:
+        DisturbedError: if it does not, ATTEMPTS times in a row.
+    """
+    for repeated in range(ATTEMPTS - 1):
+        with contextlib.suppress(DisturbedError):
+            return trial(), repeated
+    return trial(), ATTEMPTS - 1
