@@ -5,8 +5,10 @@ DEV := .venv
 OLDEST ?= $(shell for p in python3.10 "$$HOME"/.pyenv/versions/3.10*/bin/python; do \
 	"$$p" -c "" 2>/dev/null && command -v "$$p" && break; done)
 OLDEST_VENV := .venv-3.10
+PEERS := tests/peers/node_modules
+SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit socketcan oldest clean
+.PHONY: run test lint types unit socketcan peers oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -20,13 +22,20 @@ lint: $(DEV)/ready
 types: $(DEV)/ready
 	$(DEV)/bin/mypy
 
-unit: $(DEV)/ready socketcan
+unit: $(DEV)/ready socketcan peers
 	$(DEV)/bin/python -m pytest
 
 socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
 	@sh tests/socketcan/install.sh
 
-oldest:  ## The runtime's own tests on the oldest Python
+peers:  ## Other people's MAVLink for Node; its tests skip where npm is missing, but not in CI
+ifeq ($(shell command -v npm),)
+	@echo "npm is not installed: skipping the tests against node-mavlink"; test -z "$(CI)"
+else
+	@$(MAKE) --no-print-directory $(PEERS)/.ready
+endif
+
+oldest: peers  ## The runtime's own tests on the oldest Python
 ifeq ($(OLDEST),)
 	@echo "python3.10 is not installed: skipping the runtime's tests on the oldest Python"; test -z "$(CI)"
 else
@@ -35,20 +44,24 @@ else
 endif
 
 # One environment per need: the robot's is small; the workstation's holds PyTorch and VMAS.
-$(ROBOT)/ready: pyproject.toml
+$(ROBOT)/ready: $(SOURCES)
 	$(PYTHON) -m venv $(ROBOT)
 	$(ROBOT)/bin/pip install --quiet --editable .
 	touch $@
 
-$(DEV)/ready: pyproject.toml
+$(DEV)/ready: $(SOURCES)
 	$(PYTHON) -m venv $(DEV)
 	$(DEV)/bin/pip install --quiet --editable '.[dev]'
 	touch $@
 
-$(OLDEST_VENV)/ready: pyproject.toml
+$(OLDEST_VENV)/ready: $(SOURCES)
 	$(OLDEST) -m venv $(OLDEST_VENV)
 	$(OLDEST_VENV)/bin/pip install --quiet --editable '.[test]'
 	touch $@
 
+$(PEERS)/.ready: tests/peers/package.json
+	npm install --prefix tests/peers --no-package-lock --no-audit --no-fund --loglevel=error
+	touch $@
+
 clean:
-	rm -rf $(ROBOT) $(DEV) $(OLDEST_VENV) build dist *.egg-info
+	rm -rf $(PEERS) tests/socketcan/build $(ROBOT) $(DEV) $(OLDEST_VENV) build dist *.egg-info
