@@ -219,7 +219,7 @@ class MavlinkLink:
 
     def _silence(self) -> str:
         tally = self.tally
-        refused = ", ".join(f"{count} {why.value}" for why, count in tally.refused.items() if count)
+        refused = ", ".join(f"{count} {why.name.lower()}" for why, count in tally.refused.items() if count)
         heard = f"{tally.accepted} frames of others, {tally.damaged} damaged"
         heard += f", {refused} refused by signing" if refused else ""
         return (

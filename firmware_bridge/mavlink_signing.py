@@ -32,10 +32,10 @@ _LARGEST_TICK = 2**48 - 1
 class Verdict(enum.Enum):
     """What is to be done with a received frame."""
 
-    ACCEPTED = "accepted"
-    UNSIGNED = "unsigned"
-    ALTERED = "altered"
-    REPLAYED = "replayed"
+    ACCEPTED = enum.auto()
+    UNSIGNED = enum.auto()
+    ALTERED = enum.auto()
+    REPLAYED = enum.auto()
 
 
 def read_key(path: Path) -> bytes:
