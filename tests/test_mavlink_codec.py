@@ -141,6 +141,11 @@ class TestCutting:
         data = noise + vehicle_frame(local_position()) + bytes(300)
         assert [r.content for r in decoder.feed(data)] == [content(local_position())]
 
+    def test_a_frame_right_behind_a_false_magic_byte_is_found(self):
+        decoder = Decoder()
+        data = b"\xfd" + vehicle_frame(local_position()) + bytes(300)
+        assert [r.content for r in decoder.feed(data)] == [content(local_position())]
+
     def test_a_stretch_of_noise_is_one_damage(self):
         decoder = Decoder()
         assert len(list(decoder.feed(bytes(50) + vehicle_frame(local_position())))) == 1

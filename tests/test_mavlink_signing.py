@@ -154,7 +154,7 @@ class TestTimestamps:
         last = 2**48 - 1 - RESERVE_TICKS
         assert Timestamps(tmp_path / "timestamp", Wall(last)).last == last
         with pytest.raises(BridgeError, match="no successors"):
-            Timestamps(tmp_path / "timestamp", Wall(last + 1))
+            Timestamps(tmp_path / "another", Wall(last + 1))
 
     def test_the_folder_is_closed_again(self, tmp_path, wall):
         before = sum(1 for _ in mavlink_signing.Path("/proc/self/fd").iterdir())
