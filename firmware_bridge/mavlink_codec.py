@@ -162,11 +162,11 @@ def _parameter(message: DialectMessage) -> Content | None:
     # PX4 puts the bytes of an integer into the float field: only real parameters can be read as they stand.
     if message.param_type != common.MAV_PARAM_TYPE_REAL32 or not _finite(message.param_value):
         return None
-    return Parameter(_text(message.param_id), message.param_value)
+    return Parameter(message.param_id, message.param_value)
 
 
 def _status_text(message: DialectMessage) -> Content:
-    return StatusText(message.severity, _text(message.text))
+    return StatusText(message.severity, message.text)
 
 
 def _command_result(message: DialectMessage) -> Content:
@@ -187,10 +187,6 @@ _READERS = {
 
 def _finite(*numbers: float) -> bool:
     return all(math.isfinite(number) for number in numbers)
-
-
-def _text(raw: bytes | str) -> str:
-    return raw if isinstance(raw, str) else raw.split(b"\0")[0].decode("ascii", "replace")
 
 
 class Encoder:
