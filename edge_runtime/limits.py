@@ -1,7 +1,7 @@
 """The last word before the bridge: a guided action becomes a command that is finite and within limits.
 
 Whatever cannot be trusted stops the robot in the same tick: a faulty or non-finite action, a non-finite
-state, an own state that is too old.
+state, an own state that is too old, a view of the team that says so itself.
 """
 
 import math
@@ -78,7 +78,7 @@ def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
     for mate in team.teammates:
         if not (_usable(mate.state) and _finite(mate.intended_action)):
             return f"the state of robot {mate.state.robot_id} is not finite"
-    return ""
+    return team.fault
 
 
 def _component(wanted: float, last: float, low: float, high: float, max_step: float) -> float:

@@ -107,10 +107,14 @@ def options_from(_flags: argparse.Namespace) -> None:
 
 
 def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
-    """Simulate the mission's fleet; the other robots run its policy and objectives."""
-    controllers = mission.controllers()
-    del controllers[mission.robot_id]
-    manifest, robots = mission.bundle.manifest, mission.fleet.robots
+    """Simulate the mission's fleet, or this robot only where the others are processes of their own.
+
+    Others that are simulated run the mission's policy and objectives.
+    """
+    fleet, manifest = mission.fleet, mission.bundle.manifest
+    robots = fleet.robots if fleet.carrier is None else (fleet.robot(mission.robot_id),)
+    every = mission.controllers()
+    mates = {robot.id: every[robot.id] for robot in robots if robot.id != mission.robot_id}
     dynamics = manifest.dynamics.at_period(mission.period_s)
     plant = Plant(dynamics, manifest.body.radius_m, [robot.start_m for robot in robots])
-    return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), controllers)
+    return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates)

@@ -82,3 +82,9 @@ def test_a_teammate_that_is_not_finite_stops(spoilt):
     team = TeamState(OWN, (Teammate(mate),))
     command = limited(GuidedAction((1.0, 1.0), 10), team, BEFORE, LIMITS, 10.0)
     assert zero_because(command) == "the state of robot 5 is not finite"
+
+
+def test_a_view_that_is_at_fault_stops():
+    team = TeamState(OWN, fault="no teammate was heard for 1 s")
+    command = limited(GuidedAction((1.0, 1.0), 10), team, BEFORE, LIMITS, 10.0)
+    assert zero_because(command) == "no teammate was heard for 1 s"

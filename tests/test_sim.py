@@ -100,6 +100,15 @@ def test_the_plant_runs_at_the_control_period():
     assert open_bridge(mission(25.0)).plant.dynamics.dt_s == 0.04
 
 
+def test_a_team_of_processes_simulates_its_own_robot_only():
+    run = mission(robot_id=2, fleet=load_fleet(DEFAULT_FLEET.with_name("udp.toml")))
+    with open_bridge(run) as bridge:
+        assert bridge.read().position_m == run.fleet.robot(2).start_m
+        bridge.write(Command(2, 0, 0.0, (1.0, -1.0), (0.0, 0.0)))
+        assert bridge.read().velocity_m_s == pytest.approx((0.1, -0.1))
+        assert bridge.teammates() == ()
+
+
 def test_a_fleet_whose_discs_would_overlap_is_refused(tmp_path):
     path = tmp_path / "near.toml"
     robot = "[[robots]]\nid = {}\nstart_m = [{}, 0]\ngoal_m = [{}, 1]\n"

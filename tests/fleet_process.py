@@ -1,0 +1,57 @@
+"""One robot of a team as a process: python fleet_process.py FLEET ID LOSS.
+
+It shares a state at 50 Hz on a network that loses packets, prints what it saw in each tick, and on SIGTERM
+what became of the frames.
+"""
+
+import random
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+from bundles import MANIFEST
+
+from edge_runtime.bundle import Bundle
+from edge_runtime.config import load_fleet
+from edge_runtime.fleet import LocalTeam, open_fleet
+from edge_runtime.messages import Command, RobotState
+from edge_runtime.mission import Mission
+from edge_runtime.rate import DeadlineGrid
+from edge_runtime.signals import StopSignals
+
+
+class Lossy:
+    """A carrier on a network that loses packets."""
+
+    def __init__(self, carrier, loss, seed):
+        self.carrier, self.loss, self.random = carrier, loss, random.Random(seed)
+        self.failures, self.receive, self.close = carrier.failures, carrier.receive, carrier.close
+
+    def send(self, robot_id, packet):
+        if self.random.random() >= self.loss:
+            self.carrier.send(robot_id, packet)
+
+
+def show(record):
+    print(msgspec.json.encode(record).decode(), flush=True)
+
+
+def main(fleet_file, robot_id, loss):
+    fleet = load_fleet(Path(fleet_file))
+    mission = Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
+    grid = DeadlineGrid(mission.period_s)
+    with StopSignals() as signals, open_fleet(mission, LocalTeam(None)) as link:
+        link._carrier = Lossy(link._carrier, loss, robot_id)
+        while not signals.reason:
+            grid.wait()
+            own = RobotState(robot_id, time.monotonic(), (0.1 * robot_id, 0.0), (0.0, 0.0))
+            team = link.team(own)
+            link.share(own, Command(robot_id, 0, own.stamp_s, (0.0, 0.0), (0.0, 0.0)))
+            newest = {other: peer.newest.sequence for other, peer in link._peers.items() if peer.newest}
+            show({"mates": [mate.state.robot_id for mate in team.teammates], "newest": newest})
+        show(link.report())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
