@@ -63,8 +63,7 @@ static const Engine *const *engines(void)
 }
 
 typedef struct {
-    PyObject_HEAD
-    Network net;
+    PyObject_HEAD Network net;
     Py_buffer action, result; /* the arrays that a step reads and writes, looked up once */
 } NetworkObject;
 
@@ -75,8 +74,8 @@ static bool view(PyObject *array, const char *format, Py_ssize_t count, const ch
         return false;
     if (strcmp(buffer->format, format) == 0 && buffer->len == count * buffer->itemsize)
         return true;
-    PyErr_Format(PyExc_ValueError, "%s must be %zd contiguous numbers of format %s, got %zd of format %s", name, count,
-                 format, buffer->len / buffer->itemsize, buffer->format);
+    PyErr_Format(PyExc_ValueError, "%s must be %zd contiguous numbers of format %s, got %zd of format %s",
+                 name, count, format, buffer->len / buffer->itemsize, buffer->format);
     PyBuffer_Release(buffer);
     return false;
 }
@@ -102,7 +101,8 @@ static float *load(PyObject *array, int rows, int columns, int block, const char
     float *blocks = zeros((size_t)rows * ((columns + block - 1) / block * block));
     for (int row = 0; blocks != NULL && row < rows; row++)
         for (int j = 0; j < columns; j++)
-            blocks[((size_t)(j / block) * rows + row) * block + j % block] = ((float *)buffer.buf)[(size_t)row * columns + j];
+            blocks[((size_t)(j / block) * rows + row) * block + j % block] =
+                ((float *)buffer.buf)[(size_t)row * columns + j];
     PyBuffer_Release(&buffer);
     return blocks;
 }
@@ -111,7 +111,8 @@ static bool set_widths(Network *net, PyObject *widths)
 {
     net->layers = (int)PyTuple_GET_SIZE(widths);
     if (net->layers < 1 || net->layers > MAX_LAYERS) {
-        PyErr_Format(PyExc_ValueError, "the kernel takes 1 to %d hidden layers, got %d", MAX_LAYERS, net->layers);
+        PyErr_Format(PyExc_ValueError, "the kernel takes 1 to %d hidden layers, got %d", MAX_LAYERS,
+                     net->layers);
         return false;
     }
     for (int l = 0; l < net->layers; l++) {
@@ -136,8 +137,8 @@ static const Engine *find_engine(const char *name)
 static bool load_weights(Network *net, PyObject *arrays)
 {
     PyObject *action, *observation, *time_parts, *prior_gain, *matrices, *biases, *output, *output_bias;
-    if (!PyArg_ParseTuple(arrays, "OOOOO!O!OO", &action, &observation, &time_parts, &prior_gain, &PyTuple_Type,
-                          &matrices, &PyTuple_Type, &biases, &output, &output_bias))
+    if (!PyArg_ParseTuple(arrays, "OOOOO!O!OO", &action, &observation, &time_parts, &prior_gain,
+                          &PyTuple_Type, &matrices, &PyTuple_Type, &biases, &output, &output_bias))
         return false;
     if (PyTuple_GET_SIZE(matrices) != net->layers - 1 || PyTuple_GET_SIZE(biases) != net->layers - 1) {
         PyErr_SetString(PyExc_ValueError, "every hidden layer but the first needs a matrix and a bias");
@@ -151,7 +152,8 @@ static bool load_weights(Network *net, PyObject *arrays)
     net->prior_gain = load(prior_gain, 1, net->euler_steps, net->euler_steps, "prior_gain");
     for (Layer *layer = first + 1; layer <= last && !PyErr_Occurred(); layer++) {
         const Py_ssize_t index = layer - first - 1;
-        layer->matrix = load(PyTuple_GET_ITEM(matrices, index), layer[-1].width, layer->width, block, "a matrix");
+        layer->matrix =
+            load(PyTuple_GET_ITEM(matrices, index), layer[-1].width, layer->width, block, "a matrix");
         layer->bias = load(PyTuple_GET_ITEM(biases, index), 1, layer->width, layer->padded, "a bias");
     }
     net->output = load(output, d, last->width, last->padded, "output");
@@ -204,9 +206,9 @@ static PyObject *network_new(PyTypeObject *type, PyObject *arguments, PyObject *
     const char *engine;
     PyObject *widths, *arrays, *action, *result;
     Network net = {0};
-    if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!OO", &engine, &net.silu, &net.action_dim, &net.observation_dim,
-                          &net.euler_steps, &net.batch, &PyTuple_Type, &widths, &PyTuple_Type, &arrays, &action,
-                          &result))
+    if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!OO", &engine, &net.silu, &net.action_dim,
+                          &net.observation_dim, &net.euler_steps, &net.batch, &PyTuple_Type, &widths,
+                          &PyTuple_Type, &arrays, &action, &result))
         return NULL;
     net.engine = find_engine(engine);
     if (net.engine == NULL)
@@ -245,7 +247,8 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
     Py_RETURN_NONE;
 }
 
-/* Reads one term from its numbers (kernel.py, `encode`) and returns where the next one starts; NULL if cut short. */
+/* Reads one term from its numbers (kernel.py, `encode`) and returns where the next one starts; NULL if cut
+ * short. */
 static const double *read_term(const double *numbers, const double *end, Term *term)
 {
     if (end - numbers < 8)
@@ -272,21 +275,26 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     double x, y, left_s;
     if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &projection, &count, &array, &x, &y, &left_s))
         return NULL;
-    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < NONE || projection > CONE)
-        return PyErr_Format(PyExc_ValueError, "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
+    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < NONE ||
+        projection > CONE)
+        return PyErr_Format(PyExc_ValueError,
+                            "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
     if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS) < 0)
         return NULL;
     const double *next = buffer.buf, *end = next + buffer.len / sizeof(double);
     for (int m = 0; m < count && next != NULL; m++)
         next = read_term(next, end, &terms[m]);
-    const Sample sample = next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s) : (Sample){0};
+    const Sample sample =
+        next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s)
+             : (Sample){0};
     PyBuffer_Release(&buffer);
     if (next == NULL)
         return PyErr_Format(PyExc_ValueError, "the terms end early");
     PyObject *costs = PyTuple_New(count);
     for (int m = 0; costs != NULL && m < count; m++)
         PyTuple_SET_ITEM(costs, m, PyFloat_FromDouble(sample.costs[m]));
-    return Py_BuildValue("(dd)iiiN", sample.action.x, sample.action.y, sample.steps, sample.projections, sample.fault, costs);
+    return Py_BuildValue("(dd)iiiN", sample.action.x, sample.action.y, sample.steps, sample.projections,
+                         sample.fault, costs);
 }
 
 static PyMethodDef network_methods[] = {
@@ -301,7 +309,8 @@ static PyTypeObject network_type = {
     .tp_basicsize = sizeof(NetworkObject),
     .tp_dealloc = (destructor)network_dealloc,
     .tp_flags = Py_TPFLAGS_DEFAULT,
-    .tp_doc = "Network(engine, silu, (d, O, T, B), widths, arrays, action, result); kernel.py says which arrays.",
+    .tp_doc =
+        "Network(engine, silu, (d, O, T, B), widths, arrays, action, result); kernel.py says which arrays.",
     .tp_methods = network_methods,
     .tp_new = network_new,
 };
@@ -319,9 +328,11 @@ static PyObject *list_engines(PyObject *Py_UNUSED(module), PyObject *Py_UNUSED(n
 }
 
 static PyMethodDef module_methods[] = {
-    {"engines", list_engines, METH_NOARGS, "Instruction sets that this processor can run, fastest first."}, {0}};
+    {"engines", list_engines, METH_NOARGS, "Instruction sets that this processor can run, fastest first."},
+    {0}};
 
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = -1, .m_methods = module_methods};
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = -1,
+                                    .m_methods = module_methods};
 
 PyMODINIT_FUNC PyInit__kernel(void)
 {

@@ -38,7 +38,10 @@ typedef struct {
 } Sample;
 
 static double dot2(Vector2 a, Vector2 b) { return a.x * b.x + a.y * b.y; }
-static Vector2 add_scaled(Vector2 a, double factor, Vector2 b) { return (Vector2){a.x + factor * b.x, a.y + factor * b.y}; }
+static Vector2 add_scaled(Vector2 a, double factor, Vector2 b)
+{
+    return (Vector2){a.x + factor * b.x, a.y + factor * b.y};
+}
 
 /* Cost of an action under a term, and its gradient with respect to the action. */
 static double evaluate_term(const Term *term, Vector2 action, Vector2 *gradient)
@@ -133,21 +136,20 @@ static bool project_onto_cone(const Vector2 *gradients, int count, Vector2 *guid
     return true;
 }
 
-static bool combine(Projection projection, const Vector2 *gradients, const double *factors, int count, Vector2 nominal, Vector2 *guidance)
+static bool combine(Projection projection, const Vector2 *gradients, const double *factors, int count,
+                    Vector2 nominal, Vector2 *guidance)
 {
     *guidance = (Vector2){0.0, 0.0};
     for (int m = 0; m < count; m++)
         *guidance = add_scaled(*guidance, factors[m], gradients[m]);
     bool changed = false;
     switch (projection) {
-    case NONE:
-        break;
+    case NONE: break;
     case HIERARCHICAL:
         changed = harmonize(gradients, factors, count, guidance);
         changed |= project_onto_nominal(nominal, guidance);
         break;
-    case CONE:
-        changed = project_onto_cone(gradients, count, guidance);
+    case CONE: changed = project_onto_cone(gradients, count, guidance);
     }
     return changed;
 }
@@ -160,7 +162,8 @@ static double seconds(void)
 }
 
 /* T Euler steps, or as many as fit in the time left; guidance.py's guided_action for batch 1 and d = 2. */
-static Sample sample_guided(Network *net, Projection projection, const Term *terms, int count, Vector2 action, double left_s)
+static Sample sample_guided(Network *net, Projection projection, const Term *terms, int count, Vector2 action,
+                            double left_s)
 {
     Sample sample = {.fault = -1};
     const double begin = seconds();
@@ -168,7 +171,8 @@ static Sample sample_guided(Network *net, Projection projection, const Term *ter
     for (int k = 0; k < net->euler_steps; k++) {
         float result[6];
         net->engine->step(net, k, (float[]){(float)action.x, (float)action.y}, result);
-        const Vector2 velocity = {result[0], result[1]}, along_x = {result[2], result[3]}, along_y = {result[4], result[5]};
+        const Vector2 velocity = {result[0], result[1]}, along_x = {result[2], result[3]},
+                      along_y = {result[4], result[5]};
         const double left = 1.0 - (double)k / net->euler_steps;
         const Vector2 estimate = add_scaled(action, left, velocity);
         Vector2 gradients[MAX_TERMS], guidance;
@@ -189,7 +193,8 @@ static Sample sample_guided(Network *net, Projection projection, const Term *ter
             }
         }
         sample.projections += combine(projection, gradients, factors, steering, velocity, &guidance);
-        sample.action = action = add_scaled(action, 1.0 / net->euler_steps, add_scaled(velocity, 1.0, guidance));
+        sample.action = action =
+            add_scaled(action, 1.0 / net->euler_steps, add_scaled(velocity, 1.0, guidance));
         sample.steps = k + 1;
         const double before = now;
         now = seconds();

@@ -1,9 +1,9 @@
 /* Velocity and Jacobian of the network in forward mode, included once per instruction set.
  *
  * The includer defines NAME(x) to decorate names, TARGET as a function attribute, LANES as the floats of one
- * register, ROWS as the rows whose sums fit the registers beside one row of weights, and UNROLL as the pragma that says how often
- * the innermost loop is repeated (measured; 16 registers leave no room for more than once).
- * Rows are robot-major: each robot's value, then its d tangents.
+ * register, ROWS as the rows whose sums fit the registers beside one row of weights, and UNROLL as the pragma
+ * that says how often the innermost loop is repeated (measured; 16 registers leave no room for more than
+ * once). Rows are robot-major: each robot's value, then its d tangents.
  */
 
 #define vector NAME(vector)
@@ -17,12 +17,14 @@ enum { NAME(COLUMNS) = 4, NAME(BLOCK) = NAME(COLUMNS) * LANES };
 
 INLINE vector NAME(fill)(float value) { return (vector){0} + value; }
 
-/* e^x to 1e-7 relative: 2^n e^r with |r| <= ln 2 / 2, the Taylor series of e^r, and n added to the exponent. */
+/* e^x to 1e-7 relative: 2^n e^r with |r| <= ln 2 / 2, e^r by its Taylor series, n added to the exponent. */
 INLINE vector NAME(exponential)(vector x)
 {
     const float to_integer = 12582912.0f; /* 1.5 * 2^23: the sum's last bits are the rounded integer */
-    bits low = x < -87.0f, high = x > 87.0f;
-    x = (vector)((low & (bits)NAME(fill)(-87.0f)) | (high & (bits)NAME(fill)(87.0f)) | (~(low | high) & (bits)x));
+    const bits low = x < -87.0f;
+    const bits high = x > 87.0f;
+    x = (vector)((low & (bits)NAME(fill)(-87.0f)) | (high & (bits)NAME(fill)(87.0f)) |
+                 (~(low | high) & (bits)x));
     vector shifted = x * 1.44269504f + to_integer;
     vector n = shifted - to_integer;
     vector r = (x - n * 0.693359375f) + n * 2.12194440e-4f; /* ln 2 in two parts */
@@ -62,7 +64,8 @@ INLINE void NAME(tile)(const int rows, const float *x, int stride, const float *
 }
 
 /* y = x W for all rows; x and y have the same stride. */
-static TARGET void NAME(product)(const float *x, int rows, int stride, const Layer *layer, int inputs, float *y)
+static TARGET void NAME(product)(const float *x, int rows, int stride, const Layer *layer, int inputs,
+                                 float *y)
 {
     for (int column = 0; column < layer->padded; column += NAME(BLOCK)) {
         const float *block = layer->matrix + (size_t)column * inputs;
@@ -85,7 +88,8 @@ static TARGET void NAME(product)(const float *x, int rows, int stride, const Lay
 
 /* One robot's rows after the activation: the value, and its slope times the tangents. */
 static TARGET void NAME(activate)(const Network *net, const float *value, const float *offset,
-                                  const float *tangents, int stride, int padded, float *after, int after_stride)
+                                  const float *tangents, int stride, int padded, float *after,
+                                  int after_stride)
 {
     for (int j = 0; j < padded; j += LANES) {
         vector x = *(const vector *)(value + j) + *(const vector *)(offset + j);
@@ -100,7 +104,8 @@ static TARGET void NAME(activate)(const Network *net, const float *value, const 
         }
         *(vector *)(after + j) = activated;
         for (int i = 0; i < net->action_dim; i++)
-            *(vector *)(after + (size_t)(1 + i) * after_stride + j) = slope * *(const vector *)(tangents + (size_t)i * stride + j);
+            *(vector *)(after + (size_t)(1 + i) * after_stride + j) =
+                slope * *(const vector *)(tangents + (size_t)i * stride + j);
     }
 }
 
@@ -139,9 +144,11 @@ static TARGET void NAME(enter)(Network *net, int k, const float *action, int str
         memcpy(value, net->observed + (size_t)b * padded, sizeof(float) * padded);
         for (int i = 0; i < d; i++)
             for (int j = 0; j < padded; j += LANES)
-                *(vector *)(value + j) += action[b * d + i] * *(const vector *)(net->action_rows + (size_t)i * padded + j);
-        NAME(activate)(net, value, net->time_parts + (size_t)k * padded, net->action_rows, padded, padded,
-                       net->after + (size_t)b * (1 + d) * stride, stride);
+                *(vector *)(value + j) +=
+                    action[b * d + i] * *(const vector *)(net->action_rows + (size_t)i * padded + j);
+        NAME(activate)
+        (net, value, net->time_parts + (size_t)k * padded, net->action_rows, padded, padded,
+         net->after + (size_t)b * (1 + d) * stride, stride);
     }
 }
 
@@ -155,17 +162,20 @@ static TARGET void NAME(step)(Network *net, int k, const float *action, float *r
         NAME(product)(net->after, rows, stride, layer, layer[-1].width, net->before);
         for (int row = 0; row < rows; row += 1 + d) {
             const float *value = net->before + (size_t)row * stride;
-            NAME(activate)(net, value, layer->bias, value + stride, stride, layer->padded,
-                           net->after + (size_t)row * stride, stride);
+            NAME(activate)
+            (net, value, layer->bias, value + stride, stride, layer->padded,
+             net->after + (size_t)row * stride, stride);
         }
     }
     const int padded = net->layer[net->layers - 1].padded;
     for (int row = 0; row < rows; row++) {
         const int tangent = row % (1 + d) - 1;
         for (int i = 0; i < d; i++) {
-            const float product = NAME(dot)(net->after + (size_t)row * stride, net->output + (size_t)i * padded, padded);
+            const float product =
+                NAME(dot)(net->after + (size_t)row * stride, net->output + (size_t)i * padded, padded);
             const float along = tangent < 0 ? action[row / (1 + d) * d + i] : (float)(tangent == i);
-            result[row * d + i] = product + net->prior_gain[k] * along + (tangent < 0 ? net->output_bias[i] : 0.0f);
+            result[row * d + i] =
+                product + net->prior_gain[k] * along + (tangent < 0 ? net->output_bias[i] : 0.0f);
         }
     }
 }
