@@ -101,6 +101,11 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         default="auto",
         help="what computes the policy (default: auto, the compiled kernel where it works, else numpy)",
     )
+    add(
+        "--realtime",
+        action="store_true",
+        help="run ahead of all ordinary processes (SCHED_FIFO) with locked memory; needs the rights",
+    )
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(
         "--seed",

@@ -1,7 +1,6 @@
 """edge-run: drives one robot of a team by a guided flow policy."""
 
 import contextlib
-import gc
 import importlib
 import math
 import sys
@@ -22,6 +21,7 @@ from edge_runtime.messages import Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.realtime import enter_realtime, freeze_garbage
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.signals import StopSignals
 
@@ -109,8 +109,7 @@ def run(
         duration = "duration" if grid.next_s >= duration_s else ""
         return signals.reason or ("goals held" if monitor.all_hold else duration)
 
-    gc.collect()
-    gc.freeze()
+    freeze_garbage()
     reason = drive(session, bridge, fleet, over)
     bridge.stop(reason)
     report = make_report(
@@ -148,6 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 mission = make_mission(flags)
                 if flags.json:
                     _check_writable(flags.json)
+                if flags.realtime:
+                    enter_realtime()  # before the bridge: its guard process inherits it
                 signals = stack.enter_context(StopSignals())
                 bridge = stack.enter_context(link.open_bridge(mission, link.options_from(flags)))
             except EdgeError as error:

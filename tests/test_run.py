@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from bundles import write_straight_bundle
+from conftest import ENGINES
 
 from edge_runtime import run
 from edge_runtime.errors import BridgeError
@@ -295,3 +296,19 @@ def test_an_objective_that_raises_leaves_the_robot_stopped(drive, tmp_path):
     (tmp_path / "raising.toml").write_text("[[objectives]]\ntype = 'raising:Raising'")
     with pytest.raises(NotImplementedError, match="Raising must define evaluate"):
         drive([state(), state()], "--objectives", str(tmp_path / "raising.toml"))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "auto"])
+def test_the_report_names_the_backend(command, backend, tmp_path):
+    flags = ["--backend", backend, "--duration", "0.1", "--rate", "50", "--json", tmp_path / "run.json"]
+    subprocess.run([*command, *flags], capture_output=True, text=True, check=True)
+    allowed = ["numpy"] if backend == "numpy" else ["compiled" if ENGINES else "numpy"]
+    assert [report_of(tmp_path / "run.json")["backend"]] == allowed
+
+
+def test_realtime_runs_or_names_the_missing_right(command):
+    done = subprocess.run(
+        [*command, "--realtime", "--duration", "0.1"], capture_output=True, text=True, check=False
+    )
+    refused = done.returncode == 2 and "was refused" in done.stderr and done.stderr.count("\n") == 1
+    assert refused or (done.returncode, done.stderr) == (0, "")
