@@ -18,6 +18,8 @@ from edge_runtime.toml_file import refuse
 
 STALE_PERIODS: Final = 3
 """A teammate older than this many control periods is masked."""
+RECEIVING_SHARE: Final = 0.1
+"""Share of the control period that receiving may take, however much arrives."""
 
 
 class FleetLink(Protocol):
@@ -122,6 +124,7 @@ def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...])
         stale_s=STALE_PERIODS * mission.period_s,
         alone_s=settings.alone_s,
         missing_s=settings.missing_s,
+        receiving_s=RECEIVING_SHARE * mission.period_s,
     )
 
 

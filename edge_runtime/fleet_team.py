@@ -9,7 +9,7 @@ import msgspec
 from edge_runtime.fleet_peer import Peer, random_nonce
 from edge_runtime.fleet_report import FleetReport, Traffic
 from edge_runtime.fleet_udp import Carrier
-from edge_runtime.fleet_wire import FrameError, Refusal, decode, encode
+from edge_runtime.fleet_wire import Frame, FrameError, Refusal, decode, encode
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 
 
@@ -26,6 +26,8 @@ class TeamRules(msgspec.Struct, frozen=True):
     """How long it drives on while it hears nobody."""
     missing_s: float
     """How long it drives on without any one of those that it listens to."""
+    receiving_s: float
+    """How long a tick takes in packets once it has had a few from everybody: what a flood may cost."""
 
 
 class NetworkTeam:
@@ -61,6 +63,7 @@ class NetworkTeam:
         self._peers = {other: Peer(other, nonce) for other in others}
         self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
         self._wanted: frozenset[int] = frozenset(rules.neighbours)
+        self._fair_share = 4 * len(others)
         self._traffic = Traffic()
 
     def __enter__(self) -> "NetworkTeam":
@@ -116,17 +119,21 @@ class NetworkTeam:
         return self._traffic.report(self._carrier.failures, versions)
 
     def _receive(self, now_s: float) -> None:
-        for packet in self._carrier.receive():
+        for taken, packet in enumerate(self._carrier.receive(), 1):
             try:
-                frame = decode(packet, self._key)
-                peer = self._peers.get(frame.state.robot_id)
-                if peer is None or frame.receiver != self._robot_id:
-                    raise FrameError(Refusal.MISDIRECTED)
-                peer.admit(frame, now_s)
+                self._admit(decode(packet, self._key), now_s)
             except FrameError as error:
                 self._traffic.refused[error.cause.value] += 1
             else:
                 self._traffic.accepted += 1
+            if taken >= self._fair_share and self._clock() > now_s + self._rules.receiving_s:
+                break
+
+    def _admit(self, frame: Frame, now_s: float) -> None:
+        peer = self._peers.get(frame.state.robot_id)
+        if peer is None or frame.receiver != self._robot_id:
+            raise FrameError(Refusal.MISDIRECTED)
+        peer.admit(frame, now_s)
 
     def _audience(self) -> set[int]:
         audience = set(self._wanted)

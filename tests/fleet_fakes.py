@@ -69,6 +69,7 @@ class World:
             stale_s=3 * PERIOD_S,
             alone_s=self.rules.get("alone_s", 0.2),
             missing_s=self.rules.get("missing_s", 1.0),
+            receiving_s=0.1 * PERIOD_S,
         )
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
         carrier = self.network.carrier(robot_id)

@@ -217,6 +217,26 @@ def test_a_state_that_grows_stale_at_its_source_is_masked_though_frames_arrive()
     assert views[0].teammates == ()
 
 
+def test_a_flood_costs_a_bounded_part_of_the_tick():
+    world = World(2)
+    world.ticks(5)
+    queue = world.network.queues[0]
+    queue.extend([b"junk"] * 1000)
+    own, world.offset_s = world.own(0), MovedByLooks(world.offset_s)
+    world.teams[0].team(own)
+    assert 1000 - len(queue) == pytest.approx(0.1 * PERIOD_S / MovedByLooks.STEP_S + 4, abs=3)
+
+
+class MovedByLooks(dict):
+    """Offsets of clocks that go on by 0.1 ms whenever they are read."""
+
+    STEP_S, looks = 1e-4, 0
+
+    def __getitem__(self, robot_id):
+        self.looks += 1
+        return super().__getitem__(robot_id) + self.STEP_S * self.looks
+
+
 def test_leaving_closes_the_carrier():
     world = World(2)
     with world.teams[0] as team:
