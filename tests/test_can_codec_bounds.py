@@ -1,0 +1,123 @@
+"""What a DBC can carry and say, at its edges: ranges, limits, sums, counters, named values, complaints."""
+
+import pytest
+
+from edge_runtime.errors import ConfigError
+from firmware_bridge.base_kinematics import Motion
+from firmware_bridge.can_codec import CanCodec
+from firmware_bridge.can_e2e import Protection, counter_of
+from firmware_bridge.can_frame import Frame
+from firmware_bridge.can_profile import Step, load_profile
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Computer Robot
+BO_ 16 Drive: 8 Computer
+ SG_ Speed : 0|16@1- (0.01,0) [0|0] "m/s" Robot
+ SG_ Side : 16|16@1- (0.01,0) [0|0] "m/s" Robot
+ SG_ Turn : 32|16@1- (0.01,0) [0|0] "" Robot
+BO_ 17 Arm: 2 Computer
+ SG_ On : 12|1@1+ (1,0) [0|1] "" Robot
+BO_ 18 Beep: 1 Computer
+ SG_ Loud : 0|8@1+ (1,0) [0|0] "" Robot
+BO_ 32 Status: 8 Robot
+ SG_ State : 0|8@1+ (1,0) [0|0] "" Computer
+VAL_ 32 State 1 "Ready" 2 "Fault" ;
+"""
+PROFILE = """
+dbc = "robot.dbc"
+transport = "can"
+period_s = 0.02
+[limits]
+speed_m_s = 1.5
+[base]
+kind = "omnidirectional"
+[motion.Drive]
+Speed = { forward = 1.0 }
+[stop]
+zeros = 1
+[feedback]
+stale_s = { Status = 0.1 }
+ready = [{ signal = "Status.State", any_of = [1] }]
+[feedback.motion]
+forward = { "Status.State" = 0.0 }
+"""
+PROTECTION = '[protection.{}]\nprofile = "e2e_p01"\ndata_id = {}\n'
+
+
+@pytest.fixture
+def codec(tmp_path):
+    def make(dbc=("", ""), toml=("", ""), tables=""):
+        (tmp_path / "robot.dbc").write_text(DBC.replace(*dbc))
+        path = tmp_path / "robot.toml"
+        path.write_text(PROFILE.replace(*toml) + tables)
+        return CanCodec(load_profile(path), path)
+
+    return make
+
+
+def complaint(codec, **changes):
+    with pytest.raises(ConfigError) as caught:
+        codec(**changes)
+    return str(caught.value).split("robot.toml: ")[1]
+
+
+@pytest.mark.parametrize(("speed", "raw"), [(1e6, 32767), (-1e6, -32768), (327.67, 32767), (-327.68, -32768)])
+def test_a_signal_without_a_range_saturates_at_its_bits(codec, speed, raw):
+    (frame,) = codec().encode(Motion(speed))
+    assert int.from_bytes(frame.data[:2], "little", signed=True) == raw
+
+
+def test_limits_may_fill_a_signal_exactly(codec):
+    codec(dbc=("Speed : 0|16@1- (0.01,0) [0|0]", "Speed : 0|16@1- (0.01,0) [-1.5|1.5]"))
+
+
+@pytest.mark.parametrize("bounds", ["[-1.49|1.5]", "[-1.5|1.49]", "[0|10]"])
+def test_a_signal_that_carries_one_direction_less_is_refused(codec, bounds):
+    dbc = ("Speed : 0|16@1- (0.01,0) [0|0]", f"Speed : 0|16@1- (0.01,0) {bounds}")
+    assert complaint(codec, dbc=dbc) == "limits.speed_m_s: Drive.Speed cannot carry 1.5 m/s"
+
+
+def test_lateral_speed_counts_against_the_limits(codec):
+    dbc = ("Side : 16|16@1- (0.01,0) [0|0]", "Side : 16|16@1- (0.01,0) [-1|1]")
+    toml = ("Speed =", "Side = { lateral = 1.0 }\nSpeed =")
+    assert complaint(codec, dbc=dbc, toml=toml) == "limits.speed_m_s: Drive.Side cannot carry 1.5 m/s"
+
+
+def test_every_part_of_the_motion_adds_to_a_signal(codec):
+    turn = "Turn = { forward = 1.0, lateral = 10.0, yaw = 100.0, steering = 0.1 }"
+    (frame,) = codec(toml=("Speed =", f"{turn}\nSpeed =")).encode(Motion(0.1, 0.2, 0.3, 0.4))
+    assert int.from_bytes(frame.data[4:6], "little", signed=True) == round((0.1 + 2.0 + 30.0 + 0.04) * 100)
+
+
+def test_protected_messages_count_apart(codec):
+    made = codec(tables=PROTECTION.format("Drive", 1) + PROTECTION.format("Arm", 2))
+    drives = [made.encode(Motion(0.5))[0].data for _ in range(3)]
+    assert [counter_of(data, Protection("e2e_p01", data_id=1)) for data in drives] == [0, 1, 2]
+    arm = made.encode_step(Step("Arm", {"On": 1}))
+    assert counter_of(arm.data, Protection("e2e_p01", data_id=2)) == 0
+
+
+def test_named_values_are_read_as_numbers(codec):
+    decoded = codec().decode(Frame(32, bytes([2, 0, 0, 0, 0, 0, 0, 0])))
+    assert decoded.values == {"Status.State": 2.0}
+
+
+def test_two_bytes_are_room_enough_for_protection_and_one_is_not(codec):
+    codec(tables=PROTECTION.format("Arm", 2))
+    said = "protection.Beep: the message is too short for a counter and a CRC"
+    assert complaint(codec, tables=PROTECTION.format("Beep", 2)) == said
+
+
+def test_unknown_messages_are_named_with_their_key_and_the_known_ones(codec):
+    known = "no message 'Horn' in robot.dbc; it has: Drive, Arm, Beep, Status"
+    assert complaint(codec, tables=PROTECTION.format("Horn", 2)) == f"protection.Horn: {known}"
+    assert complaint(codec, toml=("Status = 0.1", "Status = 0.1, Horn = 0.1")) == f"feedback.stale_s: {known}"
+
+
+def test_an_unreadable_dbc_is_one_line_with_the_parsers_words(codec):
+    said = complaint(codec, dbc=("BO_ 16", "MESSAGE 16"))
+    assert said.startswith("dbc: ")
+    assert "Invalid syntax at line 5" in said
+    assert "\n" not in said

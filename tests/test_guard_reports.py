@@ -1,0 +1,98 @@
+"""What the guard says of each cause, and the times and freshness that its link is told."""
+
+import pytest
+from guard_fakes import FakeLink, spec
+
+from firmware_bridge.guard_core import Guard
+from firmware_bridge.guard_link import Condition, Setpoint
+from firmware_bridge.guard_wire import Phase, encode_command, encode_stop
+
+
+class TimedLink(FakeLink):
+    """Notes the time with which it is called."""
+
+    def __init__(self, **arguments) -> None:
+        super().__init__(**arguments)
+        self.times: list[tuple[str, object]] = []
+
+    def receive(self, now_s) -> None:
+        self.times.append(("receive", now_s))
+        super().receive(now_s)
+
+    def keepalive(self, fresh, now_s) -> None:
+        self.times.append(("keepalive", now_s))
+        super().keepalive(fresh, now_s)
+
+    def health(self, now_s):
+        assert isinstance(now_s, float)
+        return super().health(now_s)
+
+    def send(self, setpoint, now_s) -> None:
+        self.times.append(("send", now_s))
+        super().send(setpoint, now_s)
+
+
+def command(guard, now_s, sequence=0):
+    guard.on_packet(encode_command(Setpoint(sequence, now_s, (0.0, 0.0), (0.5, 0.0))), now_s)
+
+
+def driving(link, **changes):
+    """A guard of a robot that already takes commands, at 100 s."""
+    guard = Guard(link, spec(arm=False, **changes))
+    command(guard, 100.0)
+    assert guard.phase is Phase.DRIVING
+    guard.events.clear()
+    return guard
+
+
+def causes(guard):
+    return [(event.phase, event.text) for event in guard.events]
+
+
+def test_the_link_is_told_the_time():
+    link = TimedLink(keepalive_period_s=1.0)
+    guard = driving(link)
+    guard.on_feedback(100.01)
+    guard.on_time(100.02)
+    assert link.times == [("send", 100.0), ("receive", 100.01), ("keepalive", 100.02)]
+
+
+@pytest.mark.parametrize("what", ["receive", "keepalive", "send"])
+def test_a_link_that_fails_is_the_reason_of_the_stop(what):
+    link = FakeLink(keepalive_period_s=1.0)
+    guard = driving(link)
+    link.failing.add(what)
+    {
+        "receive": lambda: guard.on_feedback(100.01),
+        "keepalive": lambda: guard.on_time(100.01),
+        "send": lambda: command(guard, 100.01, sequence=1),
+    }[what]()
+    assert causes(guard) == [(Phase.STOPPING, f"{what} failed")]
+
+
+def test_a_recovery_says_why():
+    link = FakeLink(recoveries=1)
+    guard = Guard(link, spec(deadline_s=0.5))
+    command(guard, 100.0)
+    for tenth in range(1, 4):
+        guard.on_time(100.0 + 0.1 * tenth)
+        command(guard, 100.0 + 0.1 * tenth, sequence=tenth)
+    assert guard.phase is Phase.DRIVING
+    guard.events.clear()
+    link.condition, link.detail = Condition.FAULT, "the motor is hot"
+    guard.on_time(100.31)
+    assert causes(guard) == [(Phase.RECOVERING, "the motor is hot")]
+
+
+def test_a_command_is_no_longer_fresh_at_the_deadline():
+    """Also while the guard only watches, and its heartbeat tells others that commands arrive."""
+    link = FakeLink(condition=Condition.WAITING, keepalive_period_s=0.25)
+    guard = Guard(link, spec(arm=False, deadline_s=0.5))
+    command(guard, 100.0)
+    for now_s in (100.0, 100.25, 100.5):
+        guard.on_time(now_s)
+    assert link.log == [("keepalive", True), ("keepalive", True), ("keepalive", False)]
+
+
+def test_a_request_to_stop_carries_no_sequence():
+    assert encode_stop("done", 1.0)[4:12] == bytes(8)
