@@ -145,7 +145,7 @@ def test_growth_lists_a_sweep_beside_the_papers_terms():
     rows = [make_row("numpy", sweep.make(k), timing([10.0 * k])) for k in sweep.values]
     (growth,) = grow(sweep, rows, ["numpy"])
     assert growth.microseconds == (10.0, 20.0, 40.0)
-    assert (growth.per_unit_us, growth.exponent) == (10.0, 1.0)
+    assert (growth.per_unit_us, growth.exponent) == pytest.approx((10.0, 1.0))
     assert paper_terms(Case(euler_steps=10, objectives=2, neighbours=3)) == 10 * (2 * 3 + 2**2)
 
 

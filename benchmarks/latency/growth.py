@@ -1,9 +1,9 @@
 """How the tick grows with its sizes beside the paper's O(T (M K + M^2)); an estimate for Jetson Orin Nano."""
 
-import math
 from collections.abc import Sequence
 
 import msgspec
+import numpy as np
 
 from benchmarks.latency.cases import DEFAULT, Case
 from benchmarks.latency.limit import operations, weight_bytes
@@ -28,15 +28,14 @@ class Growth(msgspec.Struct, frozen=True):
 
     @property
     def per_unit_us(self) -> float:
-        """Slope from the first to the last value."""
-        first, last = self.sweep.values[0], self.sweep.values[-1]
-        return (self.microseconds[-1] - self.microseconds[0]) / max(1, last - first)
+        """What one more costs: the slope of the straight line through all values."""
+        return float(np.polyfit(self.sweep.values, self.microseconds, 1)[0])
 
     @property
     def exponent(self) -> float:
-        """Of the power law through the last two values; needs two."""
-        (a, b), (x, y) = self.microseconds[-2:], self.sweep.values[-2:]
-        return math.log(b / a) / math.log(y / x)
+        """Of the power law through all values but zero."""
+        pairs = [(x, us) for x, us in zip(self.sweep.values, self.microseconds, strict=True) if x > 0]
+        return float(np.polyfit(*np.log(pairs).T, 1)[0])
 
 
 def paper_terms(case: Case) -> int:

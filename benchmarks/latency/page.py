@@ -113,8 +113,6 @@ def _growth(index: int, growths: Sequence[Growth]) -> str:
         for value, *cells in columns
     ]
     table = f"### {sweep.title}\n\n{_table(header, lines)}"
-    if len(sweep.values) == 1:
-        return table
     slopes = [f"{g.backend} {g.per_unit_us:.2f} µs each, exponent {g.exponent:.2f}" for g in growths]
     return f"{table}\n\nAlong {sweep.symbol}: {'; '.join(slopes)}.\n\n![{sweep.symbol}](sweep_{index}.png)"
 
