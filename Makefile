@@ -8,7 +8,7 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit socketcan peers oldest clean
+.PHONY: run test lint types unit socketcan peers mutants oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -34,6 +34,11 @@ ifeq ($(shell command -v npm),)
 else
 	@$(MAKE) --no-print-directory $(PEERS)/.ready
 endif
+
+mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: a test must fail each time
+	$(DEV)/bin/pip install --quiet --editable '.[dev,mutation]'
+	$(DEV)/bin/mutmut run
+	$(DEV)/bin/mutmut results
 
 oldest: peers  ## The runtime's own tests on the oldest Python
 ifeq ($(OLDEST),)
@@ -64,4 +69,4 @@ $(PEERS)/.ready: tests/peers/package.json
 	touch $@
 
 clean:
-	rm -rf $(PEERS) tests/socketcan/build $(ROBOT) $(DEV) $(OLDEST_VENV) build dist *.egg-info
+	rm -rf $(PEERS) tests/socketcan/build $(ROBOT) $(DEV) $(OLDEST_VENV) mutants build dist *.egg-info
