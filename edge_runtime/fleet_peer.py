@@ -6,9 +6,12 @@ recordings of an earlier run are refused without synchronised clocks and without
 A challenge is answered once: the next boot has to answer a new one.
 """
 
+import math
 import secrets
 from collections.abc import Callable
 from typing import Final
+
+from msgspec.structs import replace
 
 from edge_runtime.fleet_clock import RemoteClock
 from edge_runtime.fleet_wire import Frame, FrameError, Refusal
@@ -41,6 +44,7 @@ class Peer:
         self.newest: Frame | None = None
         self._nonce = nonce
         self._clock = RemoteClock()
+        self._measured_s = -math.inf
         self._seen = 0
 
     def admit(self, frame: Frame, arrival_s: float) -> None:
@@ -59,18 +63,18 @@ class Peer:
             self._seen = (self._seen << ahead | 1) & _SEEN
         self.newest, self.answer = frame, frame.challenge
         self._clock.heard(frame.state.stamp_s, arrival_s)
+        self._measured_s = self._clock.local_s(frame.state.stamp_s)
+
+    def age_s(self, now_s: float) -> float:
+        """Return the age of its newest state; infinite before the first."""
+        return max(0.0, now_s - self._measured_s)
 
     def teammate(self, now_s: float) -> Teammate:
         """Return its newest state, stamped in our clock; there must be one."""
         if self.newest is None:
             raise LookupError(f"robot {self.robot_id} has not been heard")
-        state = self.newest.state
-        measured_s = self._clock.local_s(state.stamp_s)
-        return Teammate(
-            RobotState(self.robot_id, measured_s, state.position_m, state.velocity_m_s, state.heading_rad),
-            self.newest.intended_action,
-            max(0.0, now_s - measured_s),
-        )
+        state = replace(self.newest.state, stamp_s=self._measured_s)
+        return Teammate(state, self.newest.intended_action, self.age_s(now_s))
 
     def frame(
         self, boot_id: int, sequence: int, state: RobotState, action: Vector2, version: int, *, listens: bool

@@ -92,7 +92,8 @@ class NetworkTeam:
         unheard = [peer.robot_id for peer in neighbours if peer.newest is None]
         joining = unheard if len(near) < rules.nearest else ()
         self._wanted = frozenset((*(mate.state.robot_id for mate in (*near, *used)), *joining))
-        self._traffic.used(mate.age_s for mate in used)
+        for mate in used:
+            self._traffic.used_ages.add(mate.age_s)
         self._traffic.masked.update(mate.state.robot_id for mate in near if mate.age_s > rules.stale_s)
         used.sort(key=lambda mate: mate.state.robot_id)
         return TeamState(own, tuple(used), self._fault(heard, near, unheard))
@@ -124,8 +125,6 @@ class NetworkTeam:
                 self._admit(decode(packet, self._key), now_s)
             except FrameError as error:
                 self._traffic.refused[error.cause.value] += 1
-            else:
-                self._traffic.accepted += 1
             if taken >= self._fair_share and self._clock() > now_s + self._rules.receiving_s:
                 break
 
@@ -134,6 +133,8 @@ class NetworkTeam:
         if peer is None or frame.receiver != self._robot_id:
             raise FrameError(Refusal.MISDIRECTED)
         peer.admit(frame, now_s)
+        self._traffic.accepted += 1
+        self._traffic.message_ages.add(peer.age_s(now_s))
 
     def _audience(self) -> set[int]:
         audience = set(self._wanted)

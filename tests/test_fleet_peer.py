@@ -1,6 +1,7 @@
 """Sessions: whatever the network and an attacker do with recorded frames, only newer ones are taken."""
 
 import itertools
+import math
 
 import pytest
 from hypothesis import given
@@ -122,5 +123,6 @@ def test_no_recording_outlives_our_restart(delivered, restarts):
 
 
 def test_a_peer_never_heard_has_no_state():
+    assert Peer(1).age_s(0.0) == math.inf
     with pytest.raises(LookupError, match="robot 1 has not been heard"):
         Peer(1).teammate(0.0)
