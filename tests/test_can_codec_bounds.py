@@ -121,3 +121,21 @@ def test_an_unreadable_dbc_is_one_line_with_the_parsers_words(codec):
     assert said.startswith("dbc: ")
     assert "Invalid syntax at line 5" in said
     assert "\n" not in said
+
+
+def test_the_crc_may_stand_in_the_last_byte_but_one():
+    assert Protection("e2e_p01", crc_byte=6).crc_byte == 6
+    with pytest.raises(ValueError, match=r"^`crc_byte` must lie in \[0, 6\], got 7$"):
+        Protection("e2e_p01", crc_byte=7)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"data_id_list": (1,) * 15}, "`data_id_list` must have 16 bytes for e2e_p02"),
+        ({"data_id_list": (1,) * 16, "crc_byte": 1}, "`crc_byte` must be 0 for e2e_p02"),
+    ],
+)
+def test_profile_2_says_what_it_needs(settings, said):
+    with pytest.raises(ValueError, match=f"^{said}$"):
+        Protection("e2e_p02", **settings)

@@ -3,9 +3,19 @@
 import pytest
 from guard_fakes import FakeLink, spec
 
-from firmware_bridge.guard_core import Guard
+from edge_runtime.errors import ConfigError
+from firmware_bridge.guard_core import LONGEST_STOP_S, Guard, check_firmware_timeout
 from firmware_bridge.guard_link import Condition, Setpoint
-from firmware_bridge.guard_wire import Phase, encode_command, encode_stop
+from firmware_bridge.guard_wire import (
+    Counts,
+    Event,
+    Phase,
+    Report,
+    encode_command,
+    encode_event,
+    encode_report,
+    encode_stop,
+)
 
 
 class TimedLink(FakeLink):
@@ -96,3 +106,48 @@ def test_a_command_is_no_longer_fresh_at_the_deadline():
 
 def test_a_request_to_stop_carries_no_sequence():
     assert encode_stop("done", 1.0)[4:12] == bytes(8)
+
+
+@pytest.mark.parametrize(("timeout_s", "known"), [(None, "unknown"), (0.0, "off"), (2.5, "2.5 s")])
+def test_a_firmware_timeout_that_does_not_serve_is_named_with_the_remedy(timeout_s, known):
+    link = FakeLink()
+    link.firmware_timeout_s = timeout_s
+    with pytest.raises(ConfigError) as caught:
+        check_firmware_timeout(link, allow_unsafe=False)
+    assert str(caught.value) == (
+        f"the firmware's command timeout is {known}, not between 0 and 1 s: "
+        "set it in the firmware and the profile, or pass --allow-unsafe-firmware-timeout"
+    )
+
+
+def test_reports_tell_the_phase():
+    guard = Guard(FakeLink(), spec(arm=False))
+    assert guard.report().phase is Phase.WATCHING
+    command(guard, 100.0)
+    assert guard.report().phase is Phase.DRIVING
+
+
+def test_silence_is_told_in_milliseconds():
+    guard = driving(FakeLink(), deadline_s=1.0)
+    guard.on_time(101.0)
+    assert causes(guard) == [(Phase.STOPPING, "no fresh command for 1000 ms")]
+
+
+def test_a_stop_sequence_ends_at_its_bound_at_the_latest():
+    link = FakeLink()
+    link.stop_delay_s = LONGEST_STOP_S
+    guard = driving(link)
+    guard.stop("enough", 100.0)
+    guard.on_time(100.0 + LONGEST_STOP_S)
+    assert guard.phase is Phase.STOPPED
+
+
+def test_a_report_without_a_state_holds_zeros_in_its_place():
+    packet = encode_report(Report(Phase.WATCHING, Counts(), None), 1.0)
+    robot_id, state = packet[4:12], packet[22:62]
+    assert robot_id == bytes(8)
+    assert state == bytes(40)
+
+
+def test_an_event_carries_no_sequence():
+    assert encode_event(Event(Phase.STOPPED, "done"), 1.0)[4:12] == bytes(8)
