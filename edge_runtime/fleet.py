@@ -59,6 +59,14 @@ class TeamLink(Protocol):
         ...
 
 
+class Alone:
+    """The teammates of a robot that has none."""
+
+    def teammates(self) -> tuple[Teammate, ...]:
+        """Return nobody."""
+        return ()
+
+
 class LocalTeam:
     """The team of a robot whose teammates live in this process, or that has none."""
 
@@ -92,10 +100,13 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     """Return the mission's robot's link to its team: the fleet's carrier, or ``local`` where it has none.
 
     Raises:
-        ConfigError: if the key cannot be used, or this machine does not have the robot's address.
+        ConfigError: if the key cannot be used, this machine does not have the robot's address, or a robot
+            that is not alone would not hear of the others.
     """
     fleet = mission.fleet
     if fleet.carrier is None:
+        if isinstance(local, Alone) and len(fleet.robots) > 1:
+            refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
         return LocalTeam(local)
     key = _key(fleet, fleet.carrier)
     endpoints = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}

@@ -72,9 +72,8 @@ def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
     """Why no action may rest on these states; empty if one may."""
     if not _usable(team.own):
         return "the robot's own state is not finite"
-    age = now_s - team.own.stamp_s
-    if not abs(age) <= max_age_s:  # a state from the future is no better
-        return f"the robot's own state is {age:.3f} s old, at most {max_age_s:g} s may be"
+    if not abs(now_s - team.own.stamp_s) <= max_age_s:  # a state from the future is no better
+        return f"the robot's own state is not of the last {max_age_s:g} s"
     for mate in team.teammates:
         if not (_usable(mate.state) and _finite(mate.intended_action)):
             return f"the state of robot {mate.state.robot_id} is not finite"

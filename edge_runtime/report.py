@@ -4,6 +4,7 @@ import math
 
 import msgspec
 
+from edge_runtime.fleet_report import FleetReport
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
@@ -56,6 +57,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """Greatest speed of any robot of the team."""
     speed_limit_m_s: float | None
     robots: tuple[RobotReport, ...]
+    fleet: FleetReport | None
+    """The team's network; None for a team in one process."""
     stop_reason: str
 
 
@@ -69,6 +72,7 @@ def make_report(
     bridge: str,
     backend: str,
     dry_run: bool,
+    fleet: FleetReport | None,
 ) -> RunReport:
     """Sum up a run."""
     robots = tuple(_robot_report(robot_id, monitor) for robot_id in monitor.robots)
@@ -98,6 +102,7 @@ def make_report(
         max_speed_m_s=max(robot.max_speed_m_s for robot in robots),
         speed_limit_m_s=min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None),
         robots=robots,
+        fleet=fleet,
         stop_reason=stop_reason,
     )
 

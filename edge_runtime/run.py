@@ -16,8 +16,7 @@ from edge_runtime.console import LiveLine, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.flags import chosen_bridge, make_mission, make_parser
-from edge_runtime.fleet import FleetLink
-from edge_runtime.messages import Teammate, TeamState
+from edge_runtime.fleet import Alone, TeamLink, open_fleet
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
@@ -41,14 +40,6 @@ HOLD_S: Final = 1.0
 """The run ends when all robots have been at their goals for this long."""
 
 
-class Alone:
-    """The team of a robot that has none."""
-
-    def teammates(self) -> tuple[Teammate, ...]:
-        """Return nobody."""
-        return ()
-
-
 @dataclass(frozen=True)
 class Session:
     """What the loop works with."""
@@ -61,7 +52,7 @@ class Session:
     dry_run: bool
 
 
-def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable[[], str]) -> str:
+def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[[], str]) -> str:
     """Run the control loop until ``ending`` gives a reason, and return it."""
     controller, grid, timing, monitor = session.controller, session.grid, session.timing, session.monitor
     while not (reason := ending()):
@@ -71,7 +62,7 @@ def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable
         if own is None:
             monitor.no_state()
             continue
-        team = TeamState(own, fleet.teammates())
+        team = fleet.team(own)
         timing.lap()
         observation = controller.observe(team)
         timing.lap()
@@ -83,6 +74,7 @@ def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable
             bridge.write(command)
         timing.lap()
         timing.end()
+        fleet.share(own, command)
         monitor.follow(team, guided, command)
         session.live.refresh()
     return reason
@@ -91,7 +83,7 @@ def drive(session: Session, bridge: "Bridge", fleet: FleetLink, ending: Callable
 def run(
     mission: Mission,
     bridge: "Bridge",
-    fleet: FleetLink,
+    fleet: TeamLink,
     signals: StopSignals,
     duration_s: float,
     *,
@@ -121,6 +113,7 @@ def run(
         bridge=bridge.name,
         backend=session.controller.policy.backend,
         dry_run=dry_run,
+        fleet=fleet.report(),
     )
     session.live.finish(summary(report, colour=use_colour(sys.stdout)))
     return report
@@ -150,10 +143,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 if flags.realtime:
                     enter_realtime()  # before the bridge: its guard process inherits it
                 signals = stack.enter_context(StopSignals())
-                bridge = stack.enter_context(link.open_bridge(mission, link.options_from(flags)))
+                bridge = link.open_bridge(mission, link.options_from(flags))
+                local = bridge if flags.bridge == "sim" else Alone()
+                # Entered last, left first: the robot is stopped before it leaves its team.
+                fleet = stack.enter_context(open_fleet(mission, local))
+                stack.enter_context(bridge)
             except EdgeError as error:
                 return _complain(error, 2)
-            fleet = bridge if flags.bridge == "sim" else Alone()
             report = run(mission, bridge, fleet, signals, flags.duration, dry_run=flags.dry_run)
     except EdgeError as error:
         return _complain(error, 1)

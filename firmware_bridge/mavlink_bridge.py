@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.key_file import read_key
 from edge_runtime.manifest import Manifest
 from edge_runtime.messages import Vector2
 from edge_runtime.mission import Mission
@@ -15,7 +16,6 @@ from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_argument
 from firmware_bridge.guarded_bridge import GuardedBridge
 from firmware_bridge.mavlink_options import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES, find_profile
-from firmware_bridge.mavlink_signing import read_key
 from firmware_bridge.mavlink_transport import FORMS, parse_address
 
 

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from edge_runtime.errors import BridgeError
+from edge_runtime.key_file import read_key
 from firmware_bridge.mavlink_codec import COMPANION, Decoder, Encoder, Tally
 from firmware_bridge.mavlink_messages import Content, Outgoing
 from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_signing import Signing, Timestamps, read_key
+from firmware_bridge.mavlink_signing import Signing, Timestamps
 from firmware_bridge.mavlink_transport import Transport, open_transport
 
 AUTOPILOT = 1

@@ -9,7 +9,6 @@ import enum
 import hashlib
 import hmac
 import os
-import stat
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from pathlib import Path
 
 from edge_runtime.errors import BridgeError, ConfigError
 
-KEY_BYTES = 32
 SIGNATURE_BYTES = 13
 SIGNED_FLAG = 0x01
 """MAVLINK_IFLAG_SIGNED, the one incompatibility flag that this project understands."""
@@ -36,32 +34,6 @@ class Verdict(enum.Enum):
     UNSIGNED = enum.auto()
     ALTERED = enum.auto()
     REPLAYED = enum.auto()
-
-
-def read_key(path: Path) -> bytes:
-    """Read a signing key: 32 raw bytes, or 64 hexadecimal digits with white space around them.
-
-    Raises:
-        ConfigError: if the file is missing, readable by others, or not a key.
-    """
-    try:
-        mode = path.stat().st_mode
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(
-            f"signing key {path}: {error.strerror}; create it with: openssl rand -hex 32"
-        ) from error
-    if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise ConfigError(f"signing key {path} is open to other users; run: chmod 600 {path}")
-    if len(content) == KEY_BYTES:
-        return content
-    try:
-        key = bytes.fromhex(content.decode("ascii"))
-    except ValueError:
-        key = b""
-    if len(key) != KEY_BYTES:
-        raise ConfigError(f"signing key {path} is neither 32 raw bytes nor 64 hexadecimal digits")
-    return key
 
 
 def clock_ticks() -> int:

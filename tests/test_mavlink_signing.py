@@ -17,7 +17,6 @@ from firmware_bridge.mavlink_signing import (
     Timestamps,
     Verdict,
     clock_ticks,
-    read_key,
 )
 
 KEY = bytes(range(32))
@@ -61,27 +60,6 @@ def renew_and_wait(timestamps):
     for thread in threading.enumerate():
         if thread.name == "signing-timestamp":
             thread.join()
-
-
-class TestKey:
-    def test_raw_and_hexadecimal_files_hold_the_same_key(self, tmp_path):
-        raw = write_key(tmp_path / "raw", KEY)
-        text = write_key(tmp_path / "text", KEY.hex().encode() + b"\n")
-        assert read_key(raw) == read_key(text) == KEY
-
-    @pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o644])
-    def test_a_key_that_others_can_read_is_refused(self, tmp_path, mode):
-        with pytest.raises(ConfigError, match="chmod 600"):
-            read_key(write_key(tmp_path / "key", KEY, mode))
-
-    def test_a_missing_key_is_refused(self, tmp_path):
-        with pytest.raises(ConfigError, match="No such file"):
-            read_key(tmp_path / "key")
-
-    @pytest.mark.parametrize("content", [b"", KEY[:-1], KEY + b"\n", KEY.hex()[:-2].encode(), b"\xff" * 64])
-    def test_what_is_not_a_key_is_refused(self, tmp_path, content):
-        with pytest.raises(ConfigError, match="neither 32 raw bytes nor 64"):
-            read_key(write_key(tmp_path / "key", content))
 
 
 class TestTimestamps:
