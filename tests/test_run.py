@@ -78,7 +78,7 @@ def test_duration_counts_whole_periods(command, tmp_path):
     done = subprocess.run([*command, *flags], capture_output=True, text=True, check=False)
     report = report_of(tmp_path / "run.json")
     assert (done.returncode, report["stop_reason"]) == (0, "duration")
-        assert report["ticks"] <= 25 <= report["ticks"] + report["deadline_misses"]
+    assert report["ticks"] <= 25 <= report["ticks"] + report["deadline_misses"]
     assert report["objectives"] == []
     assert report["speed_limit_m_s"] == 0.3
     assert "none, the flow is unguided" in done.stdout
