@@ -4,8 +4,14 @@ import pytest
 from guard_fakes import FakeLink, spec
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.guard_core import LONGEST_STOP_S, Guard, check_firmware_timeout
-from firmware_bridge.guard_link import Condition, Setpoint
+from firmware_bridge.guard_core import (
+    CLOCK_TOLERANCE_S,
+    LONGEST_STOP_S,
+    Guard,
+    check_firmware_timeout,
+    limit_fault,
+)
+from firmware_bridge.guard_link import Condition, Limits, Setpoint
 from firmware_bridge.guard_wire import (
     Counts,
     Event,
@@ -151,3 +157,53 @@ def test_a_report_without_a_state_holds_zeros_in_its_place():
 
 def test_an_event_carries_no_sequence():
     assert encode_event(Event(Phase.STOPPED, "done"), 1.0)[4:12] == bytes(8)
+
+
+def fault(velocity=(0.0, 0.0), action=(0.0, 0.0)):
+    return limit_fault(Setpoint(0, 100.0, action, velocity), Limits(speed_m_s=1.0, action=2.0))
+
+
+def test_rounding_is_not_over_the_limit_and_more_is():
+    """A command at the limit may come a rounding above it, from another order of the same sums."""
+    assert fault(velocity=(1.0 + 1e-9, 0.0)) == ""
+    assert fault(velocity=(1.001, 0.0)) == "command of 1.001 m/s is over the limit of 1 m/s"
+    assert fault(action=(0.0, -2.0 * (1.0 + 1e-9))) == ""
+    assert fault(action=(0.0, -2.001)) == "action of 2.001 is over the limit of 2"
+    assert fault(velocity=(float("nan"), 0.0)) == "command is not finite"
+
+
+def test_a_stamp_may_lie_a_millisecond_in_the_future_and_no_more():
+    guard = driving(FakeLink())
+    stamp_s = 100.0 + CLOCK_TOLERANCE_S
+    guard.on_packet(encode_command(Setpoint(1, stamp_s, (0.0, 0.0), (0.5, 0.0))), 100.0)
+    assert guard.phase is Phase.DRIVING
+    guard.on_packet(encode_command(Setpoint(2, 100.5, (0.0, 0.0), (0.5, 0.0))), 100.0)
+    assert causes(guard) == [(Phase.STOPPING, "command is stamped 0.500 s in the future")]
+
+
+def test_a_command_as_old_as_the_deadline_is_the_last_that_is_taken():
+    guard = driving(FakeLink(), deadline_s=0.5)
+    for sequence, age_s in ((1, 0.5), (2, 0.51)):
+        guard.on_packet(encode_command(Setpoint(sequence, 100.0 - age_s, (0.0, 0.0), (0.5, 0.0))), 100.0)
+    counts = guard.report().counts
+    assert (counts.forwarded, counts.refused) == (2, 1)
+
+
+def test_a_stop_asks_for_the_health_of_now():
+    guard = driving(TimedLink())
+    guard.stop("enough", 100.01)
+    assert causes(guard) == [(Phase.STOPPING, "enough")]
+
+
+@pytest.mark.parametrize(
+    ("packet", "said"),
+    [
+        (b"\x61\xcf", "2 bytes are no frame"),
+        (b"\x61\xcf" + bytes(18), "kind 0 in 20 bytes"),
+        (bytes(20), "magic 0x0000 instead of 0xcf61"),
+    ],
+)
+def test_a_malformed_packet_is_described(packet, said):
+    guard = driving(FakeLink())
+    guard.on_packet(packet, 100.01)
+    assert causes(guard) == [(Phase.STOPPING, f"malformed command ({said})")]
