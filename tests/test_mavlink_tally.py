@@ -20,7 +20,7 @@ def signing(tmp_path):
 
 
 def counts(tally):
-    return {**vars(tally), **{verdict.value: count for verdict, count in tally.refused.items()}}
+    return {**vars(tally), **tally.refused}
 
 
 def counted(decoder, *frames):
@@ -85,9 +85,9 @@ def test_refused_frames(signing):
     found = counted(Decoder(signing), *[unsigned] * 2, *[altered] * 3, *[genuine] * 5)
     assert found == {
         "accepted": 1,
-        Verdict.UNSIGNED.value: 2,
-        Verdict.ALTERED.value: 3,
-        Verdict.REPLAYED.value: 4,
+        Verdict.UNSIGNED: 2,
+        Verdict.ALTERED: 3,
+        Verdict.REPLAYED: 4,
     }
 
 

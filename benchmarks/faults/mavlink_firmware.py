@@ -12,11 +12,12 @@ from pymavlink.dialects.v20 import common
 
 from benchmarks.faults.firmware import DEADLINE_S, PERIOD_S, Firmware, Heard, free_port, to_monotonic
 from edge_runtime.dynamics import Dynamics
+from edge_runtime.key_file import read_key
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guard_spec import GuardSpec
 from firmware_bridge.mavlink_link import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES
-from firmware_bridge.mavlink_signing import clock_ticks, read_key
+from firmware_bridge.mavlink_signing import clock_ticks
 
 _SO_TIMESTAMPNS = 35
 _PROFILE = PROFILES["ardupilot_rover"]
