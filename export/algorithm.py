@@ -13,7 +13,7 @@ from export.networks import FlowNetwork
 class TrainingSettings:
     """How much is collected and how hard it is learned from; the same for all workers together."""
 
-    frames: int = 1_500_000
+    frames: int = 700_000
     """Control steps of the team in total."""
     environments: int = 512
     steps: int = 25

@@ -18,7 +18,7 @@ EXAMPLES = """\
 examples:
   edge-train navigation --seed 0 --out runs/nav
   edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
-  edge-train navigation --algorithm mafpo-chain --seed 1 --out runs/chain-1
+  edge-train navigation --algorithm mafpo --seed 1 --out runs/mafpo-1     the ratio of eq. 8
   edge-train navigation --out runs/nav --workers 2           two processes, one policy
 
 the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv and curve.png
@@ -35,7 +35,7 @@ def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
     )
     parser.add_argument("scenario", choices=sorted(SCENARIOS))
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
-    parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="mafpo")
+    parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="mafpo-chain")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, metavar="N", help="control steps of the team to train for")
     parser.add_argument(

@@ -81,7 +81,7 @@ def test_wheels_may_refuse_sideways_velocities():
         (("--mavlink-point-ahead", "inf"), "--mavlink-point-ahead must be 0 or more"),
         (("--mavlink-origin", "nan", "0"), "--mavlink-origin must be two finite numbers"),
         (("--mavlink-require-signing",), "--mavlink-require-signing needs --mavlink-signing-key FILE"),
-        (("--mavlink-signing-key", "/nowhere/key"), "signing key /nowhere/key: No such file"),
+        (("--mavlink-signing-key", "/nowhere/key"), "key /nowhere/key: No such file"),
     ],
 )
 def test_bad_flags_are_one_line_with_the_remedy(flags, message):
