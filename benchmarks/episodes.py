@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.bundle import Bundle
-from edge_runtime.guidance import GuidanceSettings, Guide, guided_actions
+from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.observation import observe_batch
 from edge_runtime.scene import Floats, TeamBatch

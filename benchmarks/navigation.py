@@ -16,7 +16,7 @@ from rich.progress import Progress
 
 from benchmarks.episodes import Episodes, run_episodes
 from edge_runtime.bundle import load_bundle, packaged_bundle
-from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 RESULTS = Path(__file__).parent / "results" / "navigation.json"

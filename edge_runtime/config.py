@@ -9,7 +9,7 @@ import msgspec
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, check_network, endpoint
-from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.guide import GuidanceSettings
 from edge_runtime.messages import Vector2
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.toml_file import Table, read_toml, refuse, to_record

@@ -3,7 +3,8 @@
 import math
 import random
 
-from edge_runtime.guidance import Guide, GuidedAction, guided_action
+from edge_runtime.guidance import GuidedAction, guided_action
+from edge_runtime.guide import Guide
 from edge_runtime.limits import Limits, first_command, limited
 from edge_runtime.messages import Command, TeamState, Vector2
 from edge_runtime.observation import Observer

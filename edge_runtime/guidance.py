@@ -14,76 +14,24 @@ being generated and, at tau = 1, where no flow is left to protect, moves the fin
 
 a full Newton step for costs in squared action units, whatever eta and however contracted the flow.
 
-``guided_action`` serves one planar robot and is the control loop's; ``guided_actions`` serves B robots of
-an evaluation. They compute the same, and a test holds them together.
+This is the control loop's form, for one planar robot; `edge_runtime.batch_guidance` serves B robots.
 """
 
 import math
 import time
 from collections.abc import Sequence
-from typing import Literal
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.dynamics import Dynamics
-from edge_runtime.kernel import MAX_TERMS, CompiledPolicy, encodable, encode
+from edge_runtime.guide import Guide
+from edge_runtime.kernel import CompiledPolicy, encode
 from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
-from edge_runtime.projection import BATCH, PLANAR, Projection, cone, cone_batch
-from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch, TeamBatch, look_ahead, look_ahead_batch
-
-Mode = Literal["none", "hierarchical", "cone", "terminal"]
-"""``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""
-
-
-class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How strongly objectives steer, and how their conflicts are resolved.
-
-    Raises:
-        ValueError: if the scale or the start noise is negative or not finite.
-    """
-
-    mode: Mode = "terminal"
-    scale: float = 10.0
-    """eta of eq. 10."""
-    start_noise: float = 1.0
-    """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
-
-    def __post_init__(self) -> None:
-        for field in ("scale", "start_noise"):
-            value = getattr(self, field)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"`{field}` must be finite and not negative, got {value}")
-
-
-class Guide:
-    """Objectives made ready for one kind of robot: their previews and factors, computed once.
-
-    Args:
-        settings: mode and scale.
-        objectives: M execution objectives; none of them, or a scale of 0, leaves the flow unguided.
-        dynamics: how the robot moves under the policy's action.
-    """
-
-    def __init__(
-        self, settings: GuidanceSettings, objectives: Sequence[Objective], dynamics: Dynamics
-    ) -> None:
-        active = [objective for objective in objectives if settings.scale * objective.weight > 0.0]
-        self.objectives = tuple(active)
-        self.previews = tuple(dynamics.preview(objective.look_ahead) for objective in active)
-        self.factors = tuple(settings.scale * objective.weight for objective in active)
-        self.projection: Projection = "hierarchical" if settings.mode == "terminal" else settings.mode
-        self.combine = PLANAR[self.projection]
-        self.combine_batch = BATCH[self.projection]
-        greatest = max((objective.weight for objective in active), default=1.0)
-        self.shares = tuple(objective.weight / greatest for objective in active)
-        self.corrects = settings.mode == "terminal" and bool(active)
-        """Whether the finished action is corrected at tau = 1."""
-        self.native = len(active) <= MAX_TERMS and all(map(encodable, active))
-        """Whether the compiled kernel can run the whole flow."""
+from edge_runtime.projection import cone
+from edge_runtime.scene import Motion, Outlook, look_ahead
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):
@@ -214,48 +162,3 @@ def _finished(action: Vector2, steps: int, costs: tuple[float, ...], projections
 
 def _refused(steps: int, fault: str) -> GuidedAction:
     return GuidedAction((0.0, 0.0), steps, fault=fault)
-
-
-def guided_actions(
-    policy: VelocityField,
-    observation: npt.NDArray[np.float32],
-    team: TeamBatch,
-    guide: Guide,
-    start: Floats,
-) -> Floats:
-    """Sample the actions of B robots: observation (B, O), start (B, d) -> (B, d).
-
-    The objectives act on the first two action components. There is no deadline and no check for faults:
-    a non-finite input leaves its own row non-finite.
-    """
-    policy.observe(observation)
-    outlooks = [look_ahead_batch(team, preview) for preview in guide.previews]
-    action, total = np.array(start, np.float64), policy.euler_steps
-    factors = np.array(guide.factors)
-    for k in range(total):
-        result = policy.step(k, action).astype(np.float64)
-        velocity, tangents, left = result[0], result[1:], 1.0 - k / total
-        guidance = np.zeros_like(action)
-        if outlooks:
-            estimate = action + left * velocity
-            gradients = _action_slopes(guide, outlooks, estimate)
-            gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
-            guidance = guide.combine_batch(gradients, factors, velocity)
-        action += (velocity + guidance) / total
-    if guide.corrects:
-        descent = -_action_slopes(guide, outlooks, action)
-        action += cone_batch(descent, np.array(guide.shares), np.zeros_like(action))
-    return action
-
-
-def _action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
-    """dJ_m/da (M, B, d) of B actions, through the dynamics previews."""
-    gradients = np.zeros((len(outlooks), *action.shape))
-    planar = action[:, :2]
-    for gradient, objective, outlook in zip(gradients, guide.objectives, outlooks, strict=True):
-        shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-        slope = objective.evaluate_batch(
-            outlook.drift_position_m + shift * planar, outlook.drift_velocity_m_s + push * planar, outlook
-        )
-        gradient[:, :2] = shift * slope.d_position + push * slope.d_velocity
-    return gradients

@@ -8,7 +8,7 @@ from edge_runtime.bundle import Bundle
 from edge_runtime.config import Fleet, Robot, Steering
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance import Guide
+from edge_runtime.guide import Guide
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import Objective
 from edge_runtime.observation import Observer

@@ -5,7 +5,7 @@ import pytest
 from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings
-from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"

@@ -7,7 +7,7 @@ from conftest import random_weights
 
 from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
-from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.guide import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission
 

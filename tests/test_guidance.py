@@ -10,8 +10,10 @@ import pytest
 import scipy.integrate
 from conftest import random_weights
 
+from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.dynamics import Dynamics
-from edge_runtime.guidance import GuidanceSettings, Guide, Mode, guided_action, guided_actions
+from edge_runtime.guidance import guided_action
+from edge_runtime.guide import GuidanceSettings, Guide, Mode
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import Objective, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.policy import FlowPolicy

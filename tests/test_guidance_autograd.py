@@ -8,7 +8,8 @@ import pytest
 from conftest import random_weights
 from test_guidance import DYNAMICS, OBJECTIVES, random_team
 
-from edge_runtime.guidance import GuidanceSettings, Guide, guided_action
+from edge_runtime.guidance import guided_action
+from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy import FlowPolicy

@@ -15,7 +15,8 @@ from test_guidance import DYNAMICS, random_team
 from edge_runtime import backend, kernel
 from edge_runtime.backend import make_policy
 from edge_runtime.errors import PolicyError
-from edge_runtime.guidance import GuidanceSettings, Guide, Mode, guided_action
+from edge_runtime.guidance import guided_action
+from edge_runtime.guide import GuidanceSettings, Guide, Mode
 from edge_runtime.kernel import PROJECTIONS, CompiledPolicy
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import SafetyMargin, SpeedLimit

@@ -10,7 +10,7 @@ from bundles import MANIFEST, straight_weights
 from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance import GuidanceSettings
+from edge_runtime.guide import GuidanceSettings
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.mission import Mission
 from firmware_bridge.plant import Plant

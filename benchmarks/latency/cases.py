@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.dynamics import Dynamics
-from edge_runtime.guidance import GuidanceSettings, Guide
+from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.scene import Floats, TeamBatch

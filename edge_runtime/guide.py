@@ -1,0 +1,62 @@
+"""What steers the flow: the settings of guidance, and objectives made ready for one kind of robot."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.kernel import MAX_TERMS, encodable
+from edge_runtime.objectives import Objective
+from edge_runtime.projection import BATCH, PLANAR, Projection
+
+Mode = Literal["none", "hierarchical", "cone", "terminal"]
+"""``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""
+
+
+class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How strongly objectives steer, and how their conflicts are resolved.
+
+    Raises:
+        ValueError: if the scale or the start noise is negative or not finite.
+    """
+
+    mode: Mode = "terminal"
+    scale: float = 10.0
+    """eta of eq. 10."""
+    start_noise: float = 1.0
+    """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
+
+    def __post_init__(self) -> None:
+        for field in ("scale", "start_noise"):
+            value = getattr(self, field)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"`{field}` must be finite and not negative, got {value}")
+
+
+class Guide:
+    """Objectives made ready for one kind of robot: their previews and factors, computed once.
+
+    Args:
+        settings: mode and scale.
+        objectives: M execution objectives; none of them, or a scale of 0, leaves the flow unguided.
+        dynamics: how the robot moves under the policy's action.
+    """
+
+    def __init__(
+        self, settings: GuidanceSettings, objectives: Sequence[Objective], dynamics: Dynamics
+    ) -> None:
+        active = [objective for objective in objectives if settings.scale * objective.weight > 0.0]
+        self.objectives = tuple(active)
+        self.previews = tuple(dynamics.preview(objective.look_ahead) for objective in active)
+        self.factors = tuple(settings.scale * objective.weight for objective in active)
+        self.projection: Projection = "hierarchical" if settings.mode == "terminal" else settings.mode
+        self.combine = PLANAR[self.projection]
+        self.combine_batch = BATCH[self.projection]
+        greatest = max((objective.weight for objective in active), default=1.0)
+        self.shares = tuple(objective.weight / greatest for objective in active)
+        self.corrects = settings.mode == "terminal" and bool(active)
+        """Whether the finished action is corrected at tau = 1."""
+        self.native = len(active) <= MAX_TERMS and all(map(encodable, active))
+        """Whether the compiled kernel can run the whole flow."""
