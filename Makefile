@@ -8,12 +8,12 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit socketcan peers mutants oldest clean
+.PHONY: run test lint types unit budgets socketcan peers mutants oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
 
-test: lint types unit oldest  ## Everything that CI checks
+test: lint types unit oldest budgets  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -24,6 +24,9 @@ types: $(DEV)/ready
 
 unit: $(DEV)/ready socketcan peers
 	$(DEV)/bin/python -m pytest
+
+budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m benchmarks latency --short
 
 socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
 	@sh tests/socketcan/install.sh
