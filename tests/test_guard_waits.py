@@ -1,0 +1,162 @@
+"""How the guard's loop waits, whom it listens to, and how often it tells the same."""
+
+import socket
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from guard_fakes import FakeLink, spec
+
+import firmware_bridge.guard as guard_module
+from firmware_bridge.guard import serve
+from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard_wire import Event, Phase, Report, decode_answer, encode_command
+
+
+class QuietLink(FakeLink):
+    """A fake link that hears nothing unless the test writes to ``bus``."""
+
+    def __init__(self, **arguments) -> None:
+        super().__init__(**arguments)
+        self.bus, self._end = socket.socketpair()
+        self.received: list[object] = []
+
+    def filenos(self):
+        return (self._end.fileno(),)
+
+    def receive(self, now_s):
+        self._end.recv(1)
+        self.received.append(now_s)
+
+
+class Runtime:
+    """The other end of a guard that serves in a thread."""
+
+    def __init__(self, link, **changes) -> None:
+        self.socket, self.guards_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.guards_end.setblocking(False)
+        self.socket.settimeout(20)
+        self._wake, self._signals = socket.socketpair()
+        self.failure: Exception | None = None
+        self._thread = threading.Thread(target=self._serve, args=(link, spec(arm=False, **changes)))
+        self._thread.start()
+
+    def _serve(self, link, settings) -> None:
+        try:
+            serve(link, settings, self.guards_end, self._wake)
+        except Exception as error:  # noqa: BLE001  # judged by the test
+            self.failure = error
+
+    def drive(self) -> None:
+        self.socket.send(encode_command(Setpoint(0, time.monotonic(), (0.0, 0.0), (0.5, 0.0))))
+        self.events_until(Phase.DRIVING)
+
+    def answers(self):
+        while packet := self.socket.recv(512):
+            yield decode_answer(packet)
+
+    def events_until(self, phase) -> list[Event]:
+        events = []
+        for answer in self.answers():
+            if isinstance(answer, Event):
+                events.append(answer)
+                if answer.phase is phase:
+                    break
+        return events
+
+    def end(self) -> None:
+        self.socket.close()
+        self._thread.join(20)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def waits(monkeypatch):
+    """The sources and the longest time of each wait of the loop."""
+    made = []
+
+    def select(sources, _writers, _exceptions, longest_s):
+        made.append((list(sources), longest_s))
+        return real(sources, (), (), longest_s)
+
+    real = guard_module.select.select
+    monkeypatch.setattr(guard_module, "select", SimpleNamespace(select=select))
+    return made
+
+
+def test_waits_no_longer_than_the_deadline(waits):
+    runtime = Runtime(QuietLink())
+    runtime.drive()
+    runtime.events_until(Phase.STOPPED)
+    runtime.end()
+    assert any(0.0 < longest_s <= 0.06 for _, longest_s in waits)
+
+
+def test_a_runtime_that_says_goodbye_is_told_why_and_listened_to_no_more(waits):
+    runtime = Runtime(QuietLink(), deadline_s=0.5)
+    runtime.drive()
+    before = len(waits)
+    runtime.socket.shutdown(socket.SHUT_WR)
+    events = runtime.events_until(Phase.STOPPED)
+    number = runtime.guards_end.fileno()
+    runtime.end()
+    assert [event.text for event in events] == ["the runtime's socket closed", "stop sequence done"]
+    listening = [number in sources for sources, _ in waits[before:]]
+    assert not any(listening[1:])
+
+
+def test_what_has_not_changed_is_not_told_again():
+    runtime = Runtime(link := QuietLink(keepalive_period_s=0.005))
+    while len(link.log) < 30:
+        time.sleep(0.01)
+    runtime.socket.shutdown(socket.SHUT_WR)
+    reports = [answer for answer in _drain(runtime) if isinstance(answer, Report)]
+    runtime.end()
+    assert [report.phase for report in reports] == [Phase.WATCHING, Phase.STOPPED]
+
+
+def _drain(runtime):
+    for answer in runtime.answers():
+        yield answer
+        if isinstance(answer, Report) and answer.phase is Phase.STOPPED:
+            return
+
+
+def test_feedback_is_taken_in_with_its_time():
+    runtime = Runtime(link := QuietLink())
+    link.bus.send(b"x")
+    while not link.received:
+        time.sleep(0.01)
+    runtime.end()
+    assert runtime.failure is None
+    assert abs(link.received[0] - time.monotonic()) < 20.0
+
+
+def test_an_unsafe_firmware_timeout_is_allowed_by_its_flag_only():
+    for allowed in (True, False):
+        link = QuietLink()
+        link.firmware_timeout_s = None
+        runtime = Runtime(link, allow_unsafe_firmware_timeout=allowed)
+        runtime.end()
+        assert (runtime.failure is None) is allowed
+
+
+def test_a_guard_that_fails_stops_without_delay(monkeypatch):
+    sleeps = []
+
+    def sleep(seconds):
+        sleeps.append(seconds)
+        time.sleep(seconds)
+
+    monkeypatch.setattr(guard_module, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
+    link = QuietLink()
+    runtime = Runtime(link, deadline_s=0.5)
+    runtime.drive()
+    link.receive = lambda _: 1 / 0
+    link.bus.send(b"x")
+    runtime._thread.join(20)
+    runtime.end()
+    assert isinstance(runtime.failure, ZeroDivisionError)
+    assert link.log[-2:] == ["stop 1", "stop 2"]
+    assert max(sleeps) <= link.stop_delay_s
