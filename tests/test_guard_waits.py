@@ -1,15 +1,17 @@
 """How the guard's loop waits, whom it listens to, and how often it tells the same."""
 
+import os
 import socket
 import threading
 import time
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from guard_fakes import FakeLink, spec
 
 import firmware_bridge.guard as guard_module
-from firmware_bridge.guard import serve
+from firmware_bridge.guard import main, serve
 from firmware_bridge.guard_link import Setpoint
 from firmware_bridge.guard_wire import Event, Phase, Report, decode_answer, encode_command
 
@@ -160,3 +162,20 @@ def test_a_guard_that_fails_stops_without_delay(monkeypatch):
     assert isinstance(runtime.failure, ZeroDivisionError)
     assert link.log[-2:] == ["stop 1", "stop 2"]
     assert max(sleeps) <= link.stop_delay_s
+
+
+def test_the_process_makes_its_link_from_its_specification_and_leaves_no_child_the_socket(monkeypatch):
+    made = []
+
+    def make_link(settings):
+        made.append((settings, os.get_inheritable(descriptor)))
+        return QuietLink()
+
+    monkeypatch.setattr(guard_module, "make_link", make_link)
+    runtime, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    descriptor = end.detach()
+    os.set_inheritable(descriptor, True)
+    runtime.shutdown(socket.SHUT_WR)
+    assert main([str(descriptor), msgspec.json.encode(spec()).decode()]) == 0
+    runtime.close()
+    assert made == [(spec(), False)]
