@@ -1,0 +1,88 @@
+"""edge-doctor: looks at everything that a run rests on, before anybody arms; it commands nothing."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.checkup import Finding, Verdict, examine, fail, line
+from edge_runtime.console import use_colour
+from edge_runtime.doctor_machine import examine_machine
+from edge_runtime.doctor_policy import examine_policy
+from edge_runtime.doctor_team import examine_team
+from edge_runtime.errors import BundleError, EdgeError
+from edge_runtime.flags import chosen_bridge, make_mission, make_parser
+from edge_runtime.mission import Mission
+from edge_runtime.run import BRIDGES
+
+DESCRIPTION: Final = """\
+Check everything that edge-run with the same flags rests on: policy, machine, team, bus and firmware.
+Copy the command line of edge-run; nothing is armed, enabled or commanded, and no report is written."""
+EPILOG: Final = """\
+exit codes:
+  0  nothing failed; there may be warnings
+  1  at least one check failed
+  2  a flag or file does not hold together; one line says what, nothing was checked
+
+examples:
+  edge-doctor --robot-id 0
+  edge-doctor --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm"""
+LINK_CHECKS: Final = {"can": "firmware_bridge.doctor_can", "mavlink": "firmware_bridge.doctor_mavlink"}
+"""Modules that offer ``examine_link(mission, options)``; a simulated robot has no link to look at."""
+
+
+def examine_all(flags: argparse.Namespace, options: object) -> Iterator[Finding]:
+    """Yield what each check finds, as soon as it is found.
+
+    Raises:
+        ConfigError: at once, if flags and files do not fit together.
+    """
+    folder = flags.json.absolute().parent if flags.json else Path.cwd()
+    machine = examine_machine(wants_realtime=flags.realtime, folder=folder)
+    try:
+        mission = make_mission(flags)
+    except BundleError as error:
+        cause = str(error)  # the checks of team and link need the policy's limits and rate
+        return chain(machine, [examine("bundle", lambda: fail(cause, "what rests on it was not checked"))])
+    team = examine_team(mission, simulated=flags.bridge == "sim")
+    return chain(machine, examine_policy(mission), team, _examine_link(mission, flags.bridge, options))
+
+
+def _examine_link(mission: Mission, bridge: str, options: object) -> Iterator[Finding]:
+    if bridge not in LINK_CHECKS:
+        return iter(())
+    findings: Iterator[Finding] = importlib.import_module(LINK_CHECKS[bridge]).examine_link(mission, options)
+    return findings
+
+
+def show(findings: Iterable[Finding], *, colour: bool) -> bool:
+    """Print each finding as it comes, then how many there were; whether none of them failed."""
+    counts = dict.fromkeys(Verdict, 0)
+    for finding in findings:
+        print(line(finding, colour=colour), flush=True)
+        counts[finding.verdict] += 1
+    warnings, failures = counts[Verdict.WARN], counts[Verdict.FAIL]
+    print(f"{sum(counts.values())} checks: {failures} failed, {warnings} warned")
+    return failures == 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-doctor``; returns the exit code."""
+    try:
+        link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
+        parser = make_parser(tuple(BRIDGES))
+        parser.prog, parser.description, parser.epilog = "edge-doctor", DESCRIPTION, EPILOG
+        link.add_arguments(parser)
+        flags = parser.parse_args(arguments)
+        findings = examine_all(flags, link.options_from(flags))
+    except EdgeError as error:
+        print(f"edge-doctor: {error}", file=sys.stderr)
+        return 2
+    return 0 if show(findings, colour=use_colour(sys.stdout)) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""Checks of the machine: versions, real-time rights, clocks, room for reports. Nothing is switched on."""
+
+import ctypes
+import os
+import platform
+import resource
+import shutil
+import time
+from collections.abc import Iterator
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+from edge_runtime.checkup import Finding, examine, fail, ok, warn
+from edge_runtime.realtime import PRIORITY
+
+DISTRIBUTION: Final = "cfpg-edge"
+COARSEST_CLOCK_S: Final = 1e-4
+LEAST_FREE_BYTES: Final = 10 * 2**20
+"""A run's report takes some kilobytes; below this a system itself begins to fail."""
+SCARCE_FREE_BYTES: Final = 2**30
+_TIME_ERROR: Final = 5
+"""What adjtimex(2) returns while the clock is not synchronised."""
+_TIMEX_BYTES: Final = 512
+"""More than any system's ``struct timex``, whose first field, zero, asks for a mere reading."""
+_CAP_IPC_LOCK: Final = 14
+_CAP_SYS_NICE: Final = 23
+
+
+def examine_machine(*, wants_realtime: bool, folder: Path) -> Iterator[Finding]:
+    """Check what holds for every robot; ``folder`` takes the report."""
+    yield examine("versions", versions)
+    yield examine("real time", partial(realtime, wants_realtime))
+    yield examine("clock", clock)
+    yield examine("disk", partial(disk, folder))
+
+
+def versions() -> Finding:
+    """Whether interpreter and libraries are those that this release was made for."""
+    try:
+        described = metadata.metadata(DISTRIBUTION)
+    except metadata.PackageNotFoundError:
+        return warn(f"{DISTRIBUTION} is not installed: nothing tells what it needs", "run: pip install .")
+    python = platform.python_version()
+    if not SpecifierSet(described["Requires-Python"]).contains(python, prereleases=True):
+        return fail(f"Python {python} is not {described['Requires-Python']}", "install another Python")
+    needed = [Requirement(text) for text in metadata.requires(DISTRIBUTION) or ()]
+    return _libraries(python, [r for r in needed if r.marker is None or r.marker.evaluate({"extra": ""})])
+
+
+def _libraries(python: str, needed: list[Requirement]) -> Finding:
+    found, wrong = [f"Python {python}"], []
+    for requirement in needed:
+        try:
+            version = metadata.version(requirement.name)
+        except metadata.PackageNotFoundError:
+            version = "missing"
+        found.append(f"{requirement.name} {version}")
+        if version == "missing" or not requirement.specifier.contains(version, prereleases=True):
+            wrong.append(requirement)
+    if wrong:
+        return fail(", ".join(found), "run: pip install " + " ".join(f"'{r}'" for r in wrong))
+    return ok(", ".join(found))
+
+
+def realtime(wanted: bool) -> Finding:
+    """Whether --realtime would be permitted."""
+    if not hasattr(os, "sched_setscheduler"):
+        return warn("real-time scheduling needs Linux", "run without --realtime")
+    held = _capabilities()
+    missing = []
+    if not held >> _CAP_SYS_NICE & 1 and not _limit_allows(resource.RLIMIT_RTPRIO, PRIORITY):
+        missing.append(f"LimitRTPRIO={PRIORITY}")
+    if not held >> _CAP_IPC_LOCK & 1 and not _limit_allows(resource.RLIMIT_MEMLOCK, None):
+        missing.append("LimitMEMLOCK=infinity")
+    if not missing:
+        return ok(f"SCHED_FIFO {PRIORITY} and locked memory are permitted")
+    judge = fail if wanted else warn
+    return judge(
+        "SCHED_FIFO or locked memory is not permitted",
+        f"put {' and '.join(missing)} into the systemd unit, or run without --realtime",
+    )
+
+
+def _capabilities() -> int:
+    for row in Path("/proc/self/status").read_text().splitlines():
+        if row.startswith("CapEff:"):
+            return int(row.split()[1], 16)
+    return 0
+
+
+def _limit_allows(which: int, least: int | None) -> bool:
+    """Whether a soft limit is at least this; unlimited where None is asked for."""
+    soft = resource.getrlimit(which)[0]
+    return soft == resource.RLIM_INFINITY or (least is not None and soft >= least)
+
+
+def clock() -> Finding:
+    """Whether ticks can be timed, and the wall clock is right; signing and reports rest on it."""
+    resolution_s = time.get_clock_info("monotonic").resolution
+    detail = f"monotonic to {resolution_s * 1e9:.0f} ns"
+    if resolution_s > COARSEST_CLOCK_S:
+        return fail(detail, "use a kernel with high-resolution timers")
+    synchronised = _synchronised()
+    if synchronised is None:
+        return warn(f"{detail}; the system does not tell whether it is synchronised", "compare it by hand")
+    if not synchronised:
+        return warn(f"{detail}, wall clock not synchronised", "start chrony or systemd-timesyncd")
+    return ok(f"{detail}, wall clock synchronised")
+
+
+def _synchronised() -> bool | None:
+    """Read the kernel's own state of the wall clock; None where it does not tell."""
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "adjtimex"):
+        return None
+    state = int(libc.adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES)))
+    return None if state < 0 else state != _TIME_ERROR
+
+
+def disk(folder: Path) -> Finding:
+    """Whether reports can be written."""
+    if not os.access(folder, os.W_OK):
+        return fail(f"{folder} cannot be written", "choose another directory, or another --json")
+    free = shutil.disk_usage(folder).free
+    detail = f"{free / 2**30:.2f} GiB free in {folder}"
+    if free < LEAST_FREE_BYTES:
+        return fail(detail, "free some space")
+    return warn(detail, "free some space") if free < SCARCE_FREE_BYTES else ok(detail)
