@@ -17,6 +17,10 @@ import numpy as np
 from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 
+LONGEST_LOOK_AHEAD = 1000
+"""Steps; a constant action has long lost its meaning there."""
+
+
 class Slope(NamedTuple):
     """A cost and its derivatives with respect to the robot's own predicted motion."""
 
@@ -39,7 +43,7 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Base of every execution objective.
 
     Raises:
-        ValueError: if a number is not finite, the weight is negative, or ``look_ahead`` is below one.
+        ValueError: if a number is not finite, the weight is negative, or ``look_ahead`` is out of range.
     """
 
     weight: float = 1.0
@@ -54,8 +58,8 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"`{field}` must be finite, got {value}")
         if self.weight < 0.0:
             raise ValueError(f"`weight` must not be negative, got {self.weight}")
-        if self.look_ahead < 1:
-            raise ValueError(f"`look_ahead` must be at least 1, got {self.look_ahead}")
+        if not 1 <= self.look_ahead <= LONGEST_LOOK_AHEAD:
+            raise ValueError(f"`look_ahead` must lie in [1, {LONGEST_LOOK_AHEAD}], got {self.look_ahead}")
 
     @property
     def name(self) -> str:

@@ -90,6 +90,7 @@ def test_coincident_robots_are_driven_apart_by_their_order():
         ({"type": "speed_limit", "limit_m_s": 0.3, "buffer_m_s": 0.3}, "buffer_m_s"),
         ({"type": "safety_margin", "distance_m": 0.0}, "positive"),
         ({"type": "safety_margin", "distance_m": 0.2, "look_ahead": 0}, "look_ahead"),
+        ({"type": "safety_margin", "distance_m": 0.2, "look_ahead": 10**9}, "look_ahead"),
         ({"type": "safety_margin", "distance": 0.2}, "distance"),
     ],
 )
