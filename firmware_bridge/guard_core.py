@@ -26,14 +26,19 @@ def check_firmware_timeout(link: Link, allow_unsafe: bool) -> None:
     Raises:
         ConfigError: if the firmware's command timeout is unknown, off, or over 1 s, unless ``allow_unsafe``.
     """
-    timeout_s = link.firmware_timeout_s
-    if allow_unsafe or (timeout_s is not None and 0.0 < timeout_s <= LONGEST_FIRMWARE_TIMEOUT_S):
-        return
+    fault = firmware_timeout_fault(link.firmware_timeout_s)
+    if fault and not allow_unsafe:
+        raise ConfigError(
+            f"{fault}: set it in the firmware and the profile, or pass --allow-unsafe-firmware-timeout"
+        )
+
+
+def firmware_timeout_fault(timeout_s: float | None) -> str:
+    """Say what is wrong with a firmware's command timeout; empty if nothing is."""
+    if timeout_s is not None and 0.0 < timeout_s <= LONGEST_FIRMWARE_TIMEOUT_S:
+        return ""
     known = "unknown" if timeout_s is None else "off" if timeout_s == 0.0 else f"{timeout_s:g} s"
-    raise ConfigError(
-        f"the firmware's command timeout is {known}, not between 0 and {LONGEST_FIRMWARE_TIMEOUT_S:g} s: "
-        "set it in the firmware and the profile, or pass --allow-unsafe-firmware-timeout"
-    )
+    return f"the firmware's command timeout is {known}, not between 0 and {LONGEST_FIRMWARE_TIMEOUT_S:g} s"
 
 
 def limit_fault(setpoint: Setpoint, limits: Limits) -> str:
