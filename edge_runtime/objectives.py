@@ -16,7 +16,6 @@ import numpy as np
 
 from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
-
 LONGEST_LOOK_AHEAD = 1000
 """Steps; a constant action has long lost its meaning there."""
 
