@@ -22,7 +22,7 @@ from firmware_bridge.mavlink_options import MavlinkOptions
 from firmware_bridge.mavlink_profiles import Mode, Profile, find_profile
 
 LISTEN_S = 5.0
-"""Heartbeats come every second: as long as a bad radio needs for one, and for the answer about a parameter."""
+"""Heartbeats come every second; a bad radio needs a few, and as long for the answer about a parameter."""
 ASK_AGAIN_S = 0.4
 
 
