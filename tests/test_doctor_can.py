@@ -1,0 +1,180 @@
+"""What the doctor says of a CAN robot: interfaces as ``ip`` prints them, a chassis on a multicast bus."""
+
+import time
+from functools import partial
+
+import can
+import pytest
+from can_peers import Chassis, guard_spec, multicast_address
+from ip_fakes import CAN, VIRTUAL, install_ip
+
+from edge_runtime.checkup import Verdict, examine
+from firmware_bridge.can_interface import parse_interface
+from firmware_bridge.can_link import make_link
+from firmware_bridge.doctor_can import (
+    bit_rate,
+    examine_interface,
+    feedback,
+    is_up,
+    queue,
+    restart,
+    serial_port,
+)
+from firmware_bridge.doctor_firmware import firmware_timeout
+
+PERIOD_S = 0.02
+
+
+def changed(old, new):
+    assert old in CAN
+    return parse_interface(CAN.replace(old, new).encode())
+
+
+@pytest.fixture
+def ip(tmp_path, monkeypatch):
+    return partial(install_ip, tmp_path, monkeypatch)
+
+
+HEALTHY = parse_interface(CAN.encode())
+
+
+def test_a_healthy_interface():
+    found = is_up(HEALTHY)
+    assert (found.verdict, found.detail) == (Verdict.OK, "can0 is up, ERROR-ACTIVE")
+    assert bit_rate(HEALTHY).detail == "500000 bit/s"
+    assert queue(HEALTHY, PERIOD_S).verdict is Verdict.OK
+
+
+def test_a_virtual_bus_is_up():
+    assert is_up(parse_interface(VIRTUAL.encode())).detail == "vcan0 is up, virtual"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "verdict", "remedy"),
+    [
+        ('"NOARP","UP"', '"NOARP"', Verdict.FAIL, "run: ip link set can0 up"),
+        ("ERROR-ACTIVE", "BUS-OFF", Verdict.FAIL, "type can restart"),
+        ("ERROR-ACTIVE", "ERROR-PASSIVE", Verdict.WARN, "termination"),
+        ('"info_kind":"can"', '"info_kind":"veth"', Verdict.FAIL, "link show type can"),
+    ],
+)
+def test_an_interface_that_frames_do_not_pass(old, new, verdict, remedy):
+    found = is_up(changed(old, new))
+    assert found.verdict is verdict
+    assert remedy in found.remedy
+
+
+def test_a_bit_rate_that_was_never_set():
+    unset = changed('"bitrate":500000', '"bitrate":0')
+    assert bit_rate(unset).verdict is Verdict.FAIL
+    assert queue(unset, PERIOD_S).verdict is Verdict.FAIL
+
+
+def test_an_automatic_restart_sends_what_waited():
+    assert restart(HEALTHY).verdict is Verdict.WARN
+    assert restart(changed('"restart_ms":100', '"restart_ms":0')).verdict is Verdict.OK
+
+
+def test_a_queue_that_holds_up_a_stop():
+    found = queue(changed('"txqlen":10', '"txqlen":1000'), PERIOD_S)
+    assert (found.verdict, found.detail) == (Verdict.WARN, "1000 frames, 320.0 ms until the last has left")
+
+
+def test_each_property_has_a_line(ip):
+    ip(CAN)
+    names = [found.name for found in examine_interface("can0", PERIOD_S)]
+    assert names == ["CAN interface", "bit rate", "restart-ms", "transmit queue"]
+
+
+def test_a_virtual_bus_has_one_line(ip):
+    ip(VIRTUAL)
+    assert [found.name for found in examine_interface("vcan0", PERIOD_S)] == ["CAN interface"]
+
+
+def test_a_missing_interface_has_one_line(ip):
+    ip(code=1, error="none")
+    (found,) = examine_interface("can0", PERIOD_S)
+    assert (found.name, found.verdict) == ("CAN interface", Verdict.FAIL)
+
+
+def test_a_port_that_is_none(tmp_path):
+    assert serial_port(str(tmp_path / "ttyTHS1")).verdict is Verdict.FAIL
+    assert serial_port("/dev/null").verdict is Verdict.OK
+
+
+@pytest.mark.parametrize(
+    ("timeout_s", "allow", "verdict"),
+    [
+        (0.5, False, Verdict.OK),
+        (1.0, False, Verdict.OK),
+        (1.1, False, Verdict.FAIL),
+        (0.0, False, Verdict.FAIL),
+        (None, False, Verdict.FAIL),
+        (None, True, Verdict.WARN),
+        (0.5, True, Verdict.OK),
+    ],
+)
+def test_the_firmware_must_stop_by_itself(timeout_s, allow, verdict):
+    found = firmware_timeout(timeout_s, "says the profile", allow_unsafe=allow)
+    assert found.verdict is verdict
+    assert "says the profile" in found.detail
+
+
+@pytest.fixture
+def address():
+    return multicast_address()
+
+
+@pytest.fixture
+def listen(address):
+    def listen(arm, seconds=20.0):
+        link = make_link(guard_spec(address))
+        return examine("feedback", lambda: feedback(link, arm, seconds))
+
+    return listen
+
+
+def test_a_chassis_in_standby_is_heard_and_left_alone(address, listen):
+    channel, _, port = address.removeprefix("udp_multicast:").partition("?port=")
+    with can.Bus(interface="udp_multicast", channel=channel, port=int(port)) as ear, Chassis(address):
+        armed, unarmed = listen(arm=True), listen(arm=False)
+        ids = {message.arbitration_id for message in iter(lambda: ear.recv(0.0), None)}
+    assert armed.verdict is Verdict.OK
+    assert "SystemState.ControlMode = 0" in armed.detail
+    assert unarmed.verdict is Verdict.WARN
+    assert "pass --arm" in unarmed.remedy
+    assert ids == {0x211, 0x221}
+
+
+def test_a_chassis_that_is_enabled_already(address, listen):
+    with Chassis(address, control_mode=1):
+        assert "takes commands already" in listen(arm=False).detail
+
+
+def test_a_chassis_in_its_operators_hand(address, listen):
+    with Chassis(address, control_mode=3):
+        found = listen(arm=True)
+    assert found.verdict is Verdict.FAIL
+    assert "operator" in found.detail
+
+
+def test_a_chassis_with_a_fault(address, listen):
+    with Chassis(address) as chassis:
+        chassis.vehicle_state = 2
+        found = listen(arm=True, seconds=1.0)
+    assert (found.verdict, found.detail) == (
+        Verdict.FAIL,
+        "the firmware reports a fault (SystemState.VehicleState = 2)",
+    )
+
+
+def test_silence_is_bounded(listen):
+    began = time.monotonic()
+    found = listen(arm=True, seconds=0.1)
+    assert time.monotonic() - began >= 0.1
+    assert (found.verdict, found.detail) == (Verdict.FAIL, "no SystemState received yet")
+
+
+def test_a_bus_that_cannot_be_opened():
+    link = make_link(guard_spec("no-such-interface:0"))
+    assert examine("feedback", lambda: feedback(link, arm=True)).verdict is Verdict.FAIL
