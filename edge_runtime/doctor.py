@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
@@ -24,7 +25,7 @@ Copy the command line of edge-run; nothing is armed, enabled or commanded, and n
 EPILOG: Final = """\
 exit codes:
   0  nothing failed; there may be warnings
-  1  at least one check failed
+  1  at least one check failed, or was not made
   2  a flag or file does not hold together; one line says what, nothing was checked
 
 examples:
@@ -81,7 +82,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EdgeError as error:
         print(f"edge-doctor: {error}", file=sys.stderr)
         return 2
-    return 0 if show(findings, colour=use_colour(sys.stdout)) else 1
+    try:
+        return 0 if show(findings, colour=use_colour(sys.stdout)) else 1
+    except BrokenPipeError:
+        # What is still buffered must not fail again when the interpreter exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except KeyboardInterrupt:
+        print("edge-doctor: interrupted, not everything was checked", file=sys.stderr)
+    return 1
 
 
 if __name__ == "__main__":
