@@ -9,6 +9,8 @@ from edge_runtime.errors import BridgeError
 
 LONGEST_FRAME_BITS = 160
 """A 29-bit frame of 8 bytes with all its stuff bits and the gap behind it."""
+FASTEST_BITRATE = 1_000_000
+"""Bits a second of the fastest classical CAN bus."""
 ASKING_S = 5.0
 
 
@@ -55,12 +57,8 @@ class Interface(msgspec.Struct, frozen=True):
 
     @property
     def queue_s(self) -> float:
-        """Longest time that a frame waits behind a full queue on an otherwise idle bus.
-
-        Raises:
-            ZeroDivisionError: if the bit rate is unknown.
-        """
-        return self.txqlen * LONGEST_FRAME_BITS / self.bitrate
+        """Time that a full queue takes on an otherwise idle bus; at an unknown bit rate, the least."""
+        return self.txqlen * LONGEST_FRAME_BITS / (self.bitrate or FASTEST_BITRATE)
 
 
 def show_interface(name: str) -> Interface:
@@ -82,7 +80,7 @@ def show_interface(name: str) -> Interface:
     except subprocess.TimeoutExpired as error:
         raise BridgeError(f"`ip link show dev {name}` did not answer within {ASKING_S:g} s") from error
     if done.returncode != 0:
-        said = done.stderr.decode(errors="replace").strip()
+        said = done.stderr.decode(errors="replace").strip().rstrip(".")
         raise BridgeError(f"{said or name}; is the adapter plugged in? see: ip link show type can")
     return parse_interface(done.stdout)
 

@@ -9,10 +9,21 @@ CAN = (
     '"bittiming_const":{"name":"sja1000","tseg1":{"min":1,"max":16},"tseg2":{"min":1,"max":8}},'
     '"clock":8000000}},"num_tx_queues":1,"num_rx_queues":1}]'
 )
-"""As iproute2 6 prints an interface of the sja1000 driver."""
+"""Of a controller with settable bit timing, in the form of iproute2's sources."""
+SERIAL = (
+    '[{"ifindex":2,"ifname":"can0","flags":["NOARP","UP","LOWER_UP"],"mtu":16,"qdisc":"pfifo_fast",'
+    '"operstate":"UP","linkmode":"DEFAULT","group":"default","txqlen":10,"link_type":"can","promiscuity":0,'
+    '"allmulti":0,"min_mtu":0,"max_mtu":0,"linkinfo":{"info_kind":"can","info_data":{'
+    '"ctrlmode_supported":["LISTEN-ONLY"],"state":"ERROR-ACTIVE","restart_ms":0,"bittiming_bitrate":0,'
+    '"bitrate_const":[10000,20000,50000,100000,125000,250000,500000,800000,1000000],"clock":0}},'
+    '"num_tx_queues":1,"gso_max_size":65536,"gso_max_segs":65535,"tso_max_size":65536}]'
+)
+"""Of the slcan driver, whose adapter was not given a bit rate by Linux; iproute2 6.1."""
 VIRTUAL = (
-    '[{"ifindex":4,"ifname":"vcan0","flags":["NOARP","UP","LOWER_UP"],"mtu":72,"operstate":"UNKNOWN",'
-    '"txqlen":1000,"link_type":"can","linkinfo":{"info_kind":"vcan"}}]'
+    '[{"ifindex":3,"ifname":"vcan0","flags":["NOARP","UP","LOWER_UP"],"mtu":72,"qdisc":"noqueue",'
+    '"operstate":"UNKNOWN","linkmode":"DEFAULT","group":"default","txqlen":1000,"link_type":"can",'
+    '"promiscuity":0,"allmulti":0,"min_mtu":0,"max_mtu":0,"linkinfo":{"info_kind":"vcan"},'
+    '"num_tx_queues":1,"gso_max_size":65536,"gso_max_segs":65535,"tso_max_size":65536}]'
 )
 
 

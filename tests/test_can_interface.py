@@ -3,7 +3,7 @@
 from functools import partial
 
 import pytest
-from ip_fakes import CAN, VIRTUAL, install_ip
+from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can_interface import parse_interface, show_interface
@@ -29,9 +29,10 @@ def test_a_full_queue_takes_its_frames_time(ip):
     assert show_interface("can0").queue_s == pytest.approx(10 * 160 / 500_000)
 
 
-def test_an_adapter_of_fixed_rates_has_one():
-    fixed = CAN.replace('"bittiming":{', '"bittiming_bitrate":250000,"other":{')
-    assert parse_interface(fixed.encode()).bitrate == 250_000
+@pytest.mark.parametrize("bitrate", [0, 250_000])
+def test_an_adapter_of_fixed_rates_has_one_once_it_is_set(bitrate):
+    set_up = SERIAL.replace('"bittiming_bitrate":0', f'"bittiming_bitrate":{bitrate}')
+    assert parse_interface(set_up.encode()).bitrate == bitrate
 
 
 def test_a_virtual_bus_has_no_controller(ip):
@@ -42,7 +43,7 @@ def test_a_virtual_bus_has_no_controller(ip):
 
 def test_the_systems_own_words_explain_a_missing_interface(ip):
     ip(code=1, error='Device "can0" does not exist.')
-    with pytest.raises(BridgeError, match=r'Device "can0" does not exist.*plugged in'):
+    with pytest.raises(BridgeError, match=r'Device "can0" does not exist; is the adapter plugged in'):
         show_interface("can0")
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import can
 import pytest
 from can_peers import Chassis, guard_spec, multicast_address
-from ip_fakes import CAN, VIRTUAL, install_ip
+from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
 from edge_runtime.checkup import Verdict, examine
 from firmware_bridge.can_interface import parse_interface
@@ -65,9 +65,11 @@ def test_an_interface_that_frames_do_not_pass(old, new, verdict, remedy):
 
 
 def test_a_bit_rate_that_was_never_set():
-    unset = changed('"bitrate":500000', '"bitrate":0')
-    assert bit_rate(unset).verdict is Verdict.FAIL
-    assert queue(unset, PERIOD_S).verdict is Verdict.FAIL
+    """A controller cannot be up without one; a serial adapter may have its own."""
+    unset = '"bitrate":0'
+    assert bit_rate(changed('"bitrate":500000', unset)).verdict is Verdict.WARN
+    down = CAN.replace('"bitrate":500000', unset).replace('"NOARP","UP"', '"NOARP"')
+    assert bit_rate(parse_interface(down.encode())).verdict is Verdict.FAIL
 
 
 def test_an_automatic_restart_sends_what_waited():
@@ -78,6 +80,14 @@ def test_an_automatic_restart_sends_what_waited():
 def test_a_queue_that_holds_up_a_stop():
     found = queue(changed('"txqlen":10', '"txqlen":1000'), PERIOD_S)
     assert (found.verdict, found.detail) == (Verdict.WARN, "1000 frames, 320.0 ms until the last has left")
+
+
+def test_a_queue_at_an_unknown_rate_is_taken_for_a_fast_one():
+    found = queue(parse_interface(SERIAL.replace('"txqlen":10', '"txqlen":1000').encode()), PERIOD_S)
+    assert (found.verdict, found.detail) == (
+        Verdict.WARN,
+        "1000 frames, 160.0 ms or more until the last has left",
+    )
 
 
 def test_each_property_has_a_line(ip):
