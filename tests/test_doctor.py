@@ -139,3 +139,12 @@ def test_a_reader_that_goes_away_is_no_error():
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_an_interrupted_visit_is_not_a_clean_bill(monkeypatch, capsys):
+    def interrupt(*_findings, **_colour):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(doctor, "show", interrupt)
+    assert doctor.main(["--robot-id", "0"]) == 1
+    assert "not everything was checked" in capsys.readouterr().err

@@ -8,7 +8,11 @@ import pytest
 from can_peers import Chassis, guard_spec, multicast_address
 from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
+from edge_runtime.bundle import packaged_bundle
 from edge_runtime.checkup import Verdict, examine
+from edge_runtime.config import load_fleet
+from edge_runtime.mission import Mission
+from firmware_bridge.can_bridge import CanFlags
 from firmware_bridge.can_interface import parse_interface
 from firmware_bridge.can_link import make_link
 from firmware_bridge.doctor_can import (
@@ -21,6 +25,7 @@ from firmware_bridge.doctor_can import (
     serial_port,
 )
 from firmware_bridge.doctor_firmware import firmware_timeout
+from firmware_bridge.guard_spec import GuardFlags
 
 PERIOD_S = 0.02
 
@@ -188,3 +193,11 @@ def test_silence_is_bounded(listen):
 def test_a_bus_that_cannot_be_opened():
     link = make_link(guard_spec("no-such-interface:0"))
     assert examine("feedback", lambda: feedback(link, arm=True)).verdict is Verdict.FAIL
+
+
+def test_a_limo_is_looked_for_at_its_port(tmp_path):
+    (tmp_path / "alone.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
+    fleet = load_fleet(tmp_path / "alone.toml")
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 50.0)
+    found = next(examine_link(mission, CanFlags(str(tmp_path / "ttyTHS1"), "agilex_limo", GuardFlags())))
+    assert (found.name, found.verdict) == ("serial port", Verdict.FAIL)
