@@ -18,6 +18,7 @@ from firmware_bridge.can_link import make_link
 from firmware_bridge.doctor_can import (
     bit_rate,
     examine_interface,
+    examine_link,
     feedback,
     is_up,
     queue,
