@@ -8,9 +8,8 @@ from typing import Final
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import CarrierSettings, check_network, endpoint
+from edge_runtime.fleet_settings import CarrierSettings, Robot, check_network
 from edge_runtime.guide import GuidanceSettings
-from edge_runtime.messages import Vector2
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.toml_file import Table, read_toml, refuse, to_record
 
@@ -24,27 +23,6 @@ class Steering(msgspec.Struct, frozen=True):
 
     objectives: tuple[Objective, ...] = ()
     guidance: GuidanceSettings = GuidanceSettings()
-
-
-class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One member of the team."""
-
-    id: int
-    start_m: Vector2
-    """Where a simulated robot starts."""
-    goal_m: Vector2
-    address: str | None = None
-    """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
-    neighbours: tuple[int, ...] | None = None
-    """Ids of the robots that it listens to; all others where None."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.id < 2**16:
-            raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
-        if self.address is not None:
-            endpoint(self.address)
-        if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):
-            raise ValueError(f"`neighbours` names a robot twice: {list(self.neighbours)}")
 
 
 class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

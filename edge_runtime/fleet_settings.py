@@ -1,20 +1,39 @@
-"""What a fleet file says about the team's network, and whether it holds together."""
+"""What a fleet file says about its robots and their network, and whether it holds together."""
 
 import ipaddress
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import msgspec
 
+from edge_runtime.messages import Vector2
 from edge_runtime.toml_file import refuse
-
-if TYPE_CHECKING:
-    from edge_runtime.config import Robot
 
 Endpoint = tuple[str, int]
 """IP address and port."""
+
+
+class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One member of the team."""
+
+    id: int
+    start_m: Vector2
+    """Where a simulated robot starts."""
+    goal_m: Vector2
+    address: str | None = None
+    """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
+    neighbours: tuple[int, ...] | None = None
+    """Ids of the robots that it listens to; all others where None."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.id < 2**16:
+            raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
+        if self.address is not None:
+            endpoint(self.address)
+        if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):
+            raise ValueError(f"`neighbours` names a robot twice: {list(self.neighbours)}")
 
 
 class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

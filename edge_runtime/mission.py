@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 from edge_runtime.backend import Backend
 from edge_runtime.bundle import Bundle
-from edge_runtime.config import Fleet, Robot, Steering
+from edge_runtime.config import Fleet, Steering
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import Robot
 from edge_runtime.guide import Guide
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import Objective
