@@ -16,7 +16,7 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
-def test_the_objective_of_ones_own_passes_its_check(tmp_path, monkeypatch, capsys):
+def test_the_objective_of_ones_own_passes_its_check(tmp_path, capsys):
     objective, check = blocks("python")
     names = {"__name__": "stay_north"}
     exec(compile(objective, "README", "exec"), names)  # noqa: S102
