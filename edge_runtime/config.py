@@ -10,12 +10,11 @@ import msgspec
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, Robot, check_network
 from edge_runtime.guide import GuidanceSettings
+from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.toml_file import Table, read_toml, refuse, to_record
 
 DEFAULT_FLEET: Final = Path(__file__).parent / "fleets" / "navigation.toml"
-RATE_HZ: Final = (1.0, 1000.0)
-"""Least and greatest control rate."""
 
 
 class Steering(msgspec.Struct, frozen=True):

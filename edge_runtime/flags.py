@@ -8,8 +8,9 @@ from typing import Final, NoReturn
 
 from edge_runtime.backend import BACKENDS
 from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
-from edge_runtime.config import DEFAULT_FLEET, RATE_HZ, Fleet, load_fleet, load_steering
+from edge_runtime.config import DEFAULT_FLEET, Fleet, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import RATE_HZ
 from edge_runtime.mission import Mission
 
 DESCRIPTION: Final = """\

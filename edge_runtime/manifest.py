@@ -8,6 +8,8 @@ from edge_runtime.dynamics import Dynamics
 from edge_runtime.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"
+RATE_HZ = (1.0, 1000.0)
+"""Least and greatest control rate."""
 
 
 class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,7 +6,7 @@ from typing import Final, NoReturn
 
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BundleError
-from edge_runtime.manifest import BUNDLE_FORMAT, Body, Manifest, Network, Training
+from edge_runtime.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Network, Training
 
 OBSERVATION_UNITS: Final = {"position": "m", "velocity": "m/s", "goal_offset": "m", "proximity": "m"}
 """Every observation field that the runtime can compute, with its unit."""
@@ -42,7 +42,7 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     rules = _Rules(source)
     rules.require(manifest.format == BUNDLE_FORMAT, "format", manifest.format, repr(BUNDLE_FORMAT))
     rules.require(bool(manifest.name.strip()), "name", manifest.name, "a name")
-    rules.positive("control_rate_hz", manifest.control_rate_hz)
+    rules.between("control_rate_hz", manifest.control_rate_hz, *RATE_HZ)
     rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
     _check_body(rules, manifest.body)
     _check_dynamics(rules, manifest.dynamics)
@@ -73,7 +73,7 @@ class _Rules:
         self.require(math.isfinite(value), key, value, "a finite number")
 
     def between(self, key: str, value: float, low: float, high: float) -> None:
-        self.require(low <= value <= high, key, value, f"between {low} and {high}")
+        self.require(low <= value <= high, key, value, f"between {low:g} and {high:g}")
 
 
 def _check_body(rules: _Rules, body: Body) -> None:
@@ -89,7 +89,7 @@ def _check_dynamics(rules: _Rules, dynamics: Dynamics) -> None:
     rules.positive("dynamics.mass_kg", dynamics.mass_kg)
     rules.require(0 <= dynamics.drag < 1, "dynamics.drag", dynamics.drag, "at least 0 and below 1")
     rules.positive("dynamics.dt_s", dynamics.dt_s)
-    rules.require(dynamics.substeps >= 1, "dynamics.substeps", dynamics.substeps, "at least 1")
+    rules.between("dynamics.substeps", dynamics.substeps, 1, 100)
 
 
 def _check_observation(rules: _Rules, manifest: Manifest) -> None:

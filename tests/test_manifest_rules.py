@@ -13,7 +13,8 @@ REFUSALS = [
     ("format", "cfpg-bundle/2", "format is 'cfpg-bundle/2', must be 'cfpg-bundle/1'"),
     ("name", " ", "name is ' ', must be a name"),
     ("runtime", "torch", "Invalid enum value 'torch' - at `$.runtime`"),
-    ("control_rate_hz", 0, f"control_rate_hz is 0.0, {POSITIVE}"),
+    ("control_rate_hz", 0, "control_rate_hz is 0.0, must be between 1 and 1000"),
+    ("control_rate_hz", 1e9, "control_rate_hz is 1000000000.0, must be between 1 and 1000"),
     ("control_rate_hz", "10", "Expected `float`, got `str` - at `$.control_rate_hz`"),
     ("euler_steps", 0, "euler_steps is 0, must be between 1 and 1000"),
     ("euler_steps", True, "Expected `int`, got `bool` - at `$.euler_steps`"),
@@ -23,7 +24,7 @@ REFUSALS = [
     ("dynamics.mass_kg", 0, f"dynamics.mass_kg is 0.0, {POSITIVE}"),
     ("dynamics.drag", 1.0, "dynamics.drag is 1.0, must be at least 0 and below 1"),
     ("dynamics.dt_s", -1, f"dynamics.dt_s is -1.0, {POSITIVE}"),
-    ("dynamics.substeps", 0, "dynamics.substeps is 0, must be at least 1"),
+    ("dynamics.substeps", 0, "dynamics.substeps is 0, must be between 1 and 100"),
     ("observation", [], "observation is []"),
     ("observation.0.name", "pose", f"observation[0].name is 'pose', {KNOWN}"),
     (
