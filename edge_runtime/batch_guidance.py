@@ -42,7 +42,7 @@ def guided_actions(
         action += (velocity + guidance) / total
     if guide.corrects:
         descent = -_action_slopes(guide, outlooks, action)
-        action += cone_batch(descent, np.array(guide.shares), np.zeros_like(action))
+        action += cone_batch(descent, np.ones(len(descent)), np.zeros_like(action))
     return action
 
 

@@ -147,4 +147,6 @@ def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
         sys.path.remove(beside)
     if not (isinstance(kind, type) and issubclass(kind, Objective)):
         refuse(path, key, f"{name!r} is not a subclass of edge_runtime.objectives.Objective")
+    if kind.evaluate is Objective.evaluate:
+        refuse(path, key, f"{name!r} must define evaluate(motion, outlook)")
     return kind

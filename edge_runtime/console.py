@@ -1,7 +1,9 @@
 """What a person sees of a run: one live line, and the summary."""
 
 import os
+import sys
 import time
+from pathlib import Path
 from typing import TextIO
 
 from edge_runtime.monitor import Monitor
@@ -10,6 +12,11 @@ from edge_runtime.report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1
 PLAIN_INTERVAL_S = 1.0
+
+
+def output() -> TextIO:
+    """Return standard output, or a sink if the process was started without one."""
+    return sys.stdout if sys.stdout is not None else Path(os.devnull).open("w")
 
 
 class LiveLine:
@@ -50,7 +57,7 @@ class LiveLine:
         try:
             self._stream.write(text)
             self._stream.flush()
-        except BrokenPipeError:
+        except OSError:
             # What is still buffered must not fail again when the interpreter exits.
             os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 

@@ -10,9 +10,10 @@ Taken literally, eq. 15 forbids braking: once guidance has moved the action, the
 brakes opposes v and is removed. Mode ``terminal`` keeps the paper's projections while the action is still
 being generated and, at tau = 1, where no flow is left to protect, moves the finished action once more,
 
-    a <- a + cone(lambda / max lambda, -grad J(a)),
+    a <- a + cone(1, -grad J(a)),
 
-a full Newton step for costs in squared action units, whatever eta and however contracted the flow.
+a full Newton step of every objective for costs in squared action units, whatever eta, the weights (they
+have acted in the flow) and however contracted the flow.
 
 This is the control loop's form, for one planar robot; `edge_runtime.batch_guidance` serves B robots.
 """
@@ -74,11 +75,14 @@ def guided_action(
         return _refused(0, "the observation is not finite")
     policy.observe(observation)
     outlooks = [look_ahead(team, preview) for preview in guide.previews]
-    if guide.native and isinstance(policy, CompiledPolicy):
-        sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s)
-    else:
-        sampled = _flow(policy, outlooks, guide, start, deadline_s)
-    return _corrected(sampled, outlooks, guide) if guide.corrects and not sampled.fault else sampled
+    try:
+        if guide.native and isinstance(policy, CompiledPolicy):
+            sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s)
+        else:
+            sampled = _flow(policy, outlooks, guide, start, deadline_s)
+        return _corrected(sampled, outlooks, guide) if guide.corrects and not sampled.fault else sampled
+    except Exception as error:  # noqa: BLE001  # an objective of the user's own may raise anything
+        return _refused(0, f"an objective raised {type(error).__name__}: {error}")
 
 
 def _flow(
@@ -141,7 +145,7 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
             return _refused(sampled.steps, f"the gradient of {objective.name} is not finite")
         costs.append(cost)
         gradients.append((-gx, -gy))
-    x, y = cone(gradients, guide.shares, (0.0, 0.0))
+    x, y = cone(gradients, (1.0,) * len(gradients), (0.0, 0.0))
     return _finished((ax + x, ay + y), sampled.steps, tuple(costs), sampled.projections)
 
 

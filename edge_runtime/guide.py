@@ -54,8 +54,6 @@ class Guide:
         self.projection: Projection = "hierarchical" if settings.mode == "terminal" else settings.mode
         self.combine = PLANAR[self.projection]
         self.combine_batch = BATCH[self.projection]
-        greatest = max((objective.weight for objective in active), default=1.0)
-        self.shares = tuple(objective.weight / greatest for objective in active)
         self.corrects = settings.mode == "terminal" and bool(active)
         """Whether the finished action is corrected at tau = 1."""
         self.native = len(active) <= MAX_TERMS and all(map(encodable, active))

@@ -46,6 +46,8 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
     _check_body(rules, manifest.body)
     _check_dynamics(rules, manifest.dynamics)
+    steps = manifest.dynamics.dt_s * manifest.control_rate_hz
+    rules.require(abs(steps - 1.0) < 1e-6, "dynamics.dt_s", manifest.dynamics.dt_s, "1 / control_rate_hz")
     _check_observation(rules, manifest)
     _check_action(rules, manifest)
     _check_network(rules, manifest.runtime, manifest.network)

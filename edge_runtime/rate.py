@@ -46,24 +46,23 @@ class DeadlineGrid:
         """Sleep until the next deadline still ahead and return its time.
 
         The first call sets the grid's origin and returns at once. A tick counts as missed if the caller
-        came after its deadline, or if the sleep lasted beyond its whole period.
+        came after its deadline, or if the sleep lasted beyond its whole period; a sleep that long returns
+        the newest deadline, which has just passed.
         """
         self.ticks += 1
         if self._origin is None:
             self._origin = self._clock()
             return self._origin
         before = self._index
-        while True:
-            elapsed = self._clock() - self._origin
-            self._index = max(self._index + 1, math.ceil(elapsed / self.period_s))
-            deadline = self._origin + self._index * self.period_s
-            self._sleep(max(0.0, deadline - self._clock()))
-            if self._clock() < deadline + self.period_s:
-                break
+        elapsed = self._clock() - self._origin
+        self._index = max(self._index + 1, math.ceil(elapsed / self.period_s))
+        self._sleep(max(0.0, self._origin + self._index * self.period_s - self._clock()))
+        elapsed = self._clock() - self._origin
+        self._index = max(self._index, math.floor(elapsed / self.period_s))
         missed = self._index - before - 1
         self.misses += missed
         self.longest_burst = max(self.longest_burst, missed)
-        return deadline
+        return self._origin + self._index * self.period_s
 
 
 class Percentiles(msgspec.Struct, frozen=True):

@@ -30,6 +30,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     backend: str
     bridge: str
     dry_run: bool
+    failed: bool
+    """The link to the robot failed; ``stop_reason`` says how."""
     objectives: tuple[str, ...]
     """Names of the objectives that steered; none if unguided."""
     guidance_mode: str
@@ -72,6 +74,7 @@ def make_report(
     bridge: str,
     backend: str,
     dry_run: bool,
+    failed: bool,
     fleet: FleetReport | None,
 ) -> RunReport:
     """Sum up a run."""
@@ -84,6 +87,7 @@ def make_report(
         backend=backend,
         bridge=bridge,
         dry_run=dry_run,
+        failed=failed,
         objectives=tuple(objective.name for objective in mission.objectives),
         guidance_mode=mission.steering.guidance.mode,
         ticks=grid.ticks,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from edge_runtime.console import LiveLine, summary, use_colour
+from edge_runtime.console import LiveLine, output, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.flags import chosen_bridge, make_mission, make_parser
@@ -89,11 +89,7 @@ def run(
     *,
     dry_run: bool,
 ) -> RunReport:
-    """Drive the mission's robot until all goals are held, the duration is over or a signal comes.
-
-    Raises:
-        BridgeError: if the link to the robot fails.
-    """
+    """Drive the mission's robot until the goals are held, time is up, a signal comes or the link fails."""
     session = _prepare(mission, bridge.max_speed_m_s, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
@@ -102,8 +98,12 @@ def run(
         return signals.reason or ("goals held" if monitor.all_hold else duration)
 
     freeze_garbage()
-    reason = drive(session, bridge, fleet, over)
-    bridge.stop(reason)
+    failure = ""
+    try:
+        reason = drive(session, bridge, fleet, over)
+        bridge.stop(reason)
+    except EdgeError as error:
+        reason = failure = str(error)
     report = make_report(
         mission,
         monitor,
@@ -113,9 +113,10 @@ def run(
         bridge=bridge.name,
         backend=session.controller.policy.backend,
         dry_run=dry_run,
+        failed=bool(failure),
         fleet=fleet.report(),
     )
-    session.live.finish(summary(report, colour=use_colour(sys.stdout)))
+    session.live.finish(summary(report, colour=use_colour(output())))
     return report
 
 
@@ -124,7 +125,7 @@ def _prepare(mission: Mission, max_speed_m_s: float, *, dry_run: bool) -> Sessio
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
     grid = DeadlineGrid(mission.period_s)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
-    live = LiveLine(sys.stdout, mission.robot_id, monitor, grid)
+    live = LiveLine(output(), mission.robot_id, monitor, grid)
     return Session(controller, grid, TimingRecord(STAGES), monitor, live, dry_run)
 
 
@@ -133,6 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with contextlib.ExitStack() as stack:
             try:
+                signals = stack.enter_context(StopSignals())
                 link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
                 parser = make_parser(tuple(BRIDGES))
                 link.add_arguments(parser)
@@ -142,7 +144,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     _check_writable(flags.json)
                 if flags.realtime:
                     enter_realtime()  # before the bridge: its guard process inherits it
-                signals = stack.enter_context(StopSignals())
                 bridge = link.open_bridge(mission, link.options_from(flags))
                 local = bridge if flags.bridge == "sim" else Alone()
                 # Entered last, left first: the robot is stopped before it leaves its team.
@@ -151,16 +152,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             except EdgeError as error:
                 return _complain(error, 2)
             report = run(mission, bridge, fleet, signals, flags.duration, dry_run=flags.dry_run)
+            if flags.json:
+                _write(flags.json, report)
     except EdgeError as error:
         return _complain(error, 1)
-    if flags.json:
-        flags.json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
-    return 0
+    return _complain(report.stop_reason, 1) if report.failed else 0
 
 
-def _complain(error: EdgeError, code: int) -> int:
+def _complain(error: EdgeError | str, code: int) -> int:
     print(f"edge-run: {error}", file=sys.stderr)
     return code
+
+
+def _write(path: Path, report: RunReport) -> None:
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
+    except OSError as error:
+        raise ConfigError(f"--json {path}: the report could not be written ({error.strerror})") from error
 
 
 def _check_writable(path: Path) -> None:

@@ -1,11 +1,11 @@
-"""SIGTERM and SIGINT as an orderly reason to stop."""
+"""SIGTERM, SIGINT and SIGHUP as an orderly reason to stop."""
 
 import signal
 from types import FrameType, TracebackType
 
 
 class StopSignals:
-    """Turns SIGTERM and SIGINT into a reason to stop, read between ticks."""
+    """Turns SIGTERM, SIGINT and SIGHUP into a reason to stop, read between ticks."""
 
     def __init__(self) -> None:
         self.reason = ""
@@ -13,7 +13,8 @@ class StopSignals:
     def __enter__(self) -> "StopSignals":
         """Take the signals over."""
         self._before = {
-            number: signal.signal(number, self._note) for number in (signal.SIGTERM, signal.SIGINT)
+            number: signal.signal(number, self._note)
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
         }
         return self
 

@@ -34,6 +34,7 @@ REPORT = RunReport(
     max_speed_m_s=0.29,
     speed_limit_m_s=0.3,
     robots=(RobotReport(1, 0.05, True, 0.24, 0.29), RobotReport(2, None, False, None, 0.0)),
+    failed=False,
     fleet=None,
     stop_reason="duration",
 )

@@ -30,7 +30,7 @@ def test_template_describes_navigation(tmp_path):
         (
             "control_rate_hz = 10.0",
             "control_rate_hz = nan",
-            "control_rate_hz is nan, must be a finite number",
+            "control_rate_hz is nan, must be between 1 and 1000",
         ),
         ("control_rate_hz = 10.0", "control_rate_hz = '10'", "Expected `float`, got `str`"),
         ("lidar_rays = 12", "lidar_rays = 0", "body.lidar_range_m is 0.35, must be 0 without rays"),

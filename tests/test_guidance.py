@@ -167,16 +167,18 @@ def test_a_late_tick_returns_the_newest_estimate():
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 10.0])
-def test_the_terminal_correction_brakes_whatever_the_scale(scale):
+@pytest.mark.parametrize("other_weight", [0.0, 20.0])
+def test_the_terminal_correction_brakes_whatever_scale_and_weights(scale, other_weight):
     """Where eq. 15 leaves a robot speeding, the correction at tau = 1 meets the limit exactly."""
     draw, limit = np.random.default_rng(3), SpeedLimit(limit_m_s=0.2, buffer_m_s=0.01)
+    objectives = [limit, SafetyMargin(distance_m=1e-3, buffer_m=0.0, weight=other_weight)]
     policy, preview = FlowPolicy(random_weights(seed=4), 10), DYNAMICS.preview(1)
     speeding = 0
     for _ in range(50):
         team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
 
         def next_speed(mode, team=team, observation=observation):
-            guide = Guide(GuidanceSettings(mode=mode, scale=scale), [limit], DYNAMICS)
+            guide = Guide(GuidanceSettings(mode=mode, scale=scale), objectives, DYNAMICS)
             action = guided_action(policy, observation, team, guide).action
             return np.linalg.norm(
                 preview.velocity_decay * np.array(team.own.velocity_m_s)
@@ -200,7 +202,6 @@ def test_the_terminal_correction_leaves_kept_objectives_alone():
 
 
 class Faulty(Objective, frozen=True, kw_only=True, tag="faulty"):
-    value: float = 0.0
     bad: str = "nan"
 
     def evaluate(self, motion, outlook):

@@ -24,6 +24,7 @@ REFUSALS = [
     ("dynamics.mass_kg", 0, f"dynamics.mass_kg is 0.0, {POSITIVE}"),
     ("dynamics.drag", 1.0, "dynamics.drag is 1.0, must be at least 0 and below 1"),
     ("dynamics.dt_s", -1, f"dynamics.dt_s is -1.0, {POSITIVE}"),
+    ("dynamics.dt_s", 0.2, "dynamics.dt_s is 0.2, must be 1 / control_rate_hz"),
     ("dynamics.substeps", 0, "dynamics.substeps is 0, must be between 1 and 100"),
     ("observation", [], "observation is []"),
     ("observation.0.name", "pose", f"observation[0].name is 'pose', {KNOWN}"),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 import signal
 import subprocess
 import sys
@@ -288,14 +289,47 @@ def test_a_link_that_does_not_open_starts_nothing(drive, capsys):
     assert capsys.readouterr().err == "edge-run: no such bus\n"
 
 
-def test_an_objective_that_raises_leaves_the_robot_stopped(drive, tmp_path):
-    (tmp_path / "raising.py").write_text(
-        "from edge_runtime.objectives import Objective\n"
-        "class Raising(Objective, frozen=True, kw_only=True): ...\n"
-    )
-    (tmp_path / "raising.toml").write_text("[[objectives]]\ntype = 'raising:Raising'")
-    with pytest.raises(NotImplementedError, match="Raising must define evaluate"):
-        drive([state(), state()], "--objectives", str(tmp_path / "raising.toml"))
+RAISING = """
+from edge_runtime.objectives import Objective
+class Raising(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        return 1 / 0
+class Unfinished(Objective, frozen=True, kw_only=True): ...
+"""
+
+
+def objectives_file(folder, name):
+    (folder / "raising.py").write_text(RAISING)
+    path = folder / "raising.toml"
+    path.write_text(f"[[objectives]]\ntype = 'raising:{name}'")
+    return str(path)
+
+
+def test_an_objective_that_raises_stops_the_robot_in_that_tick(drive, tmp_path):
+    code, bridge, path = drive([state(), state()], "--objectives", objectives_file(tmp_path, "Raising"))
+    assert code == 0
+    assert all(command.action == (0.0, 0.0) for command in bridge.written)
+    assert report_of(path)["faults"] == {"an objective raised ZeroDivisionError: division by zero": 2}
+
+
+def test_an_objective_without_a_cost_is_refused(drive, tmp_path, capsys):
+    code, bridge, _ = drive([state()], "--objectives", objectives_file(tmp_path, "Unfinished"))
+    assert (code, bridge.written) == (2, [])
+    assert "must define evaluate(motion, outlook)" in capsys.readouterr().err
+
+
+def test_a_link_that_fails_is_in_the_report(drive):
+    _, _, path = drive([state(), BridgeError("the bus is gone"), state()])
+    report = report_of(path)
+    assert (report["failed"], report["stop_reason"], report["ticks"]) == (True, "the bus is gone", 2)
+
+
+@pytest.mark.parametrize("sink", [">&-", "> /dev/full"])
+def test_a_lost_output_loses_only_the_text(command, sink, tmp_path):
+    words = shlex.join([*map(str, command), "--duration", "0.3", "--json", str(tmp_path / "run.json")])
+    done = subprocess.run(["bash", "-c", f"{words} {sink}"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert report_of(tmp_path / "run.json")["stop_reason"] == "duration"
 
 
 @pytest.mark.parametrize("backend", ["numpy", "auto"])

@@ -101,11 +101,11 @@ def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps)
         v = v.detach()
         guidance = combine(mode, gradients, lambdas, v) if gradients else torch.zeros_like(v)
         action = action.detach() + (v + eta * guidance) / steps
-    return (action + correction(costs, lambdas, action) if mode == "terminal" else action).detach().numpy()
+    return (action + correction(costs, action) if mode == "terminal" else action).detach().numpy()
 
 
-def correction(costs, lambdas, action):
+def correction(costs, action):
     """The cone projection's step at the finished action itself."""
     action = action.detach().requires_grad_(True)
     gradients = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
-    return combine("cone", gradients, [weight / max(lambdas) for weight in lambdas], torch.zeros(2))
+    return combine("cone", gradients, [1.0] * len(costs), torch.zeros(2))
