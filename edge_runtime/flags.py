@@ -103,6 +103,13 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         help="what computes the policy (default: auto, the compiled kernel where it works, else numpy)",
     )
     add(
+        "--early-wake",
+        type=_number(0.0, 100.0),
+        default=0.0,
+        metavar="MS",
+        help="wake this long before each deadline and compute a tick to throw away (default: 0, not at all)",
+    )
+    add(
         "--realtime",
         action="store_true",
         help="run ahead of all ordinary processes (SCHED_FIFO) with locked memory; needs the rights",

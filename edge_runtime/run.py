@@ -20,7 +20,7 @@ from edge_runtime.fleet import Alone, TeamLink, open_fleet
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
-from edge_runtime.realtime import enter_realtime, freeze_garbage
+from edge_runtime.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.signals import StopSignals
 
@@ -88,9 +88,10 @@ def run(
     duration_s: float,
     *,
     dry_run: bool,
+    early_wake_s: float = 0.0,
 ) -> RunReport:
     """Drive the mission's robot until the goals are held, time is up, a signal comes or the link fails."""
-    session = _prepare(mission, bridge.max_speed_m_s, dry_run=dry_run)
+    session = _prepare(mission, bridge.max_speed_m_s, early_wake_s, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -120,10 +121,11 @@ def run(
     return report
 
 
-def _prepare(mission: Mission, max_speed_m_s: float, *, dry_run: bool) -> Session:
+def _prepare(mission: Mission, max_speed_m_s: float, early_wake_s: float, *, dry_run: bool) -> Session:
     controller = mission.controllers(max_speed_m_s)[mission.robot_id]
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
-    grid = DeadlineGrid(mission.period_s)
+    sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
+    grid = DeadlineGrid(mission.period_s, sleep=sleep)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
     live = LiveLine(output(), mission.robot_id, monitor, grid)
     return Session(controller, grid, TimingRecord(STAGES), monitor, live, dry_run)
@@ -151,7 +153,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 stack.enter_context(bridge)
             except EdgeError as error:
                 return _complain(error, 2)
-            report = run(mission, bridge, fleet, signals, flags.duration, dry_run=flags.dry_run)
+            early_wake_s = 1e-3 * flags.early_wake
+            report = run(
+                mission,
+                bridge,
+                fleet,
+                signals,
+                flags.duration,
+                dry_run=flags.dry_run,
+                early_wake_s=early_wake_s,
+            )
             if flags.json:
                 _write(flags.json, report)
     except EdgeError as error:

@@ -46,3 +46,16 @@ def test_the_newest_command_is_kept():
     command = controller.decide(TEAM, 1.0)
     assert controller.command is command
     assert controller.decide(TEAM, 1.0).sequence == command.sequence + 1
+
+
+def test_a_rehearsal_leaves_no_trace():
+    steering = Steering((), GuidanceSettings(start_noise=0.5))
+    bundle = Bundle(MANIFEST, random_weights(), Path())
+
+    def actions(rehearsals):
+        controller = Mission(0, load_fleet(DEFAULT_FLEET), bundle, steering, 10.0).controllers()[0]
+        for _ in range(rehearsals):
+            controller.rehearse()
+        return [controller.decide(TEAM, 1.0).action for _ in range(2)]
+
+    assert actions(0) == actions(3)

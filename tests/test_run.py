@@ -340,6 +340,12 @@ def test_the_report_names_the_backend(command, backend, tmp_path):
     assert [report_of(tmp_path / "run.json")["backend"]] == allowed
 
 
+def test_an_early_wake_changes_nothing_but_the_timing(command, tmp_path):
+    flags = ["--early-wake", "2", "--duration", "0.3", "--rate", "50", "--json", tmp_path / "run.json"]
+    subprocess.run([*command, *flags], capture_output=True, text=True, check=True)
+    assert report_of(tmp_path / "run.json")["faults"] == {}
+
+
 def test_realtime_runs_or_names_the_missing_right(command):
     done = subprocess.run(
         [*command, "--realtime", "--duration", "0.1"], capture_output=True, text=True, check=False
