@@ -208,7 +208,7 @@ def drive(bundle, monkeypatch, tmp_path):
         now[0] += seconds
 
     # Time that passes only by sleeping: no tick is ever missed, whatever the machine does meanwhile.
-    monkeypatch.setattr(run, "DeadlineGrid", lambda period: DeadlineGrid(period, lambda: now[0], sleep))
+    monkeypatch.setattr(run, "DeadlineGrid", lambda period, **_: DeadlineGrid(period, lambda: now[0], sleep))
 
     def run_script(script, *flags, shut=False):
         bridge = ScriptedBridge(script, shut)
