@@ -146,7 +146,6 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     steering = load_steering(flags.objectives) if flags.objectives else fleet.steering
     fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet)
-    bundle.field(flags.backend)  # what cannot compute is refused before any link is opened
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
     return Mission(
         flags.robot_id,

@@ -142,6 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 link.add_arguments(parser)
                 flags = parser.parse_args(arguments)
                 mission = make_mission(flags)
+                mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
                 if flags.json:
                     _check_writable(flags.json)
                 if flags.realtime:
