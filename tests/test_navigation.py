@@ -42,6 +42,12 @@ def test_observation_holds_the_fields_in_the_manifests_order():
     assert 0 <= proximity.min() < proximity.max() <= FACTS.body.lidar_range_m - RADIUS_M
 
 
+def test_motion_is_what_the_policy_observes_of_itself():
+    scenario = navigation(training=True)
+    position, velocity = scenario.motion()
+    assert torch.equal(torch.cat([position, velocity], -1), scenario.observe()[..., :4])
+
+
 def test_dynamics_of_the_manifest_predict_vmas():
     scenario = navigation(training=True)
     before = scenario.state_dict()

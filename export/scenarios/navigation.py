@@ -86,6 +86,11 @@ class Navigation:
         """Return the observations (B, N, 18), fields in the order of ``FACTS``."""
         return torch.stack([self._vmas.scenario.observation(agent) for agent in self._vmas.agents], 1)
 
+    def motion(self) -> tuple[Tensor, Tensor]:
+        """Return the robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
+        state = self._physical_state()
+        return state["position"], state["velocity"]
+
     def step(self, action: Tensor) -> Transition:
         """Apply forces (B, N, 2) in newtons, clamped to [-1, 1], for 0.1 s."""
         _, reward, arrived, _ = self._vmas.step(list(action.unbind(1)))

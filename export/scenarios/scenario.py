@@ -83,6 +83,10 @@ class Scenario(Protocol):
         """Return the observations (B, N, O)."""
         ...
 
+    def motion(self) -> tuple[Tensor, Tensor]:
+        """Return all robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
+        ...
+
     def step(self, action: Tensor) -> Transition:
         """Apply the actions (B, N, d), clamped to their limits, for one control period."""
         ...
