@@ -1,0 +1,13 @@
+"""Execution objectives: what a team is asked while it drives, one objective a module.
+
+To add one, subclass `Objective` and write ``evaluate``; ``evaluate_batch`` is only for speed.
+"""
+
+from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope, SlopeBatch
+from edge_runtime.objectives.safety_margin import SafetyMargin
+from edge_runtime.objectives.speed_limit import SpeedLimit
+
+BUILT_IN = (SpeedLimit, SafetyMargin)
+"""The objectives that configuration files can name by their ``type``."""
+
+__all__ = ["BUILT_IN", "LONGEST_LOOK_AHEAD", "Objective", "SafetyMargin", "Slope", "SlopeBatch", "SpeedLimit"]

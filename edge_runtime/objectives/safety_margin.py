@@ -1,0 +1,56 @@
+"""Keep a distance from every neighbour."""
+
+import math
+
+import numpy as np
+
+from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
+
+
+class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
+    """Keep a distance between centres from every neighbour: J = 1/2 sum (shortfall / position gain)^2."""
+
+    look_ahead: int = 3
+    distance_m: float
+    buffer_m: float = 0.02
+    """Guidance starts this far outside the margin."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.distance_m <= 0.0 or self.buffer_m < 0.0:
+            raise ValueError(
+                f"`distance_m` must be positive and `buffer_m` not negative, "
+                f"got {self.distance_m} and {self.buffer_m}"
+            )
+
+    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+        """Cost and slope at one robot's predicted motion."""
+        keep, gain = self.distance_m + self.buffer_m, outlook.preview.position_gain
+        cost = d_x = d_y = 0.0
+        for mate in outlook.neighbours:
+            dx, dy = motion.x - mate.x, motion.y - mate.y
+            square = dx * dx + dy * dy
+            if square < keep * keep:
+                distance = math.sqrt(square)
+                cure = (keep - distance) / gain
+                cost += 0.5 * cure * cure
+                if distance == 0.0:  # no direction leads apart: the robots' order decides
+                    dx, distance = math.copysign(1.0, outlook.robot_id - mate.robot_id), 1.0
+                push = cure / (gain * distance)
+                d_x -= push * dx
+                d_y -= push * dy
+        return Slope(cost, d_x, d_y)
+
+    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
+        """Costs and slopes at B predicted motions."""
+        gain = outlook.preview.position_gain
+        apart = position_m[:, None] - outlook.mate_position_m
+        distance = np.sqrt(np.square(apart).sum(-1))
+        cure = np.maximum(self.distance_m + self.buffer_m - distance, 0.0) / gain
+        together = distance == 0.0
+        order = np.where(outlook.robot_id[:, None] < outlook.mate_id, -1.0, 1.0)
+        apart[..., 0] = np.where(together, order, apart[..., 0])
+        push = cure / (gain * np.where(together, 1.0, distance))
+        slope = -(push[..., None] * apart).sum(1)
+        return SlopeBatch(0.5 * np.square(cure).sum(-1), slope, np.zeros_like(velocity_m_s))

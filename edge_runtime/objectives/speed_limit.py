@@ -1,0 +1,41 @@
+"""Stay at or below a speed."""
+
+import math
+
+import numpy as np
+
+from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
+
+
+class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
+    """Stay at or below a speed: J = 1/2 (excess / velocity gain)^2."""
+
+    limit_m_s: float
+    buffer_m_s: float = 0.01
+    """Guidance starts this far below the limit."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= self.buffer_m_s < self.limit_m_s:
+            raise ValueError(
+                f"`buffer_m_s` must lie in [0, limit_m_s), got {self.buffer_m_s} of {self.limit_m_s}"
+            )
+
+    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+        """Cost and slope at one robot's predicted motion."""
+        speed = math.sqrt(motion.vx * motion.vx + motion.vy * motion.vy)
+        excess = speed - self.limit_m_s + self.buffer_m_s
+        if excess <= 0.0:
+            return Slope(0.0)
+        cure = excess / outlook.preview.velocity_gain
+        pull = cure / (outlook.preview.velocity_gain * speed)
+        return Slope(0.5 * cure * cure, 0.0, 0.0, pull * motion.vx, pull * motion.vy)
+
+    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
+        """Costs and slopes at B predicted motions."""
+        speed = np.sqrt(np.square(velocity_m_s).sum(-1))
+        gain = outlook.preview.velocity_gain
+        cure = np.maximum(speed - self.limit_m_s + self.buffer_m_s, 0.0) / gain
+        pull = cure / (gain * np.maximum(speed, self.limit_m_s - self.buffer_m_s))
+        return SlopeBatch(0.5 * cure * cure, np.zeros_like(position_m), pull[:, None] * velocity_m_s)
