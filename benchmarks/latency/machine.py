@@ -13,6 +13,7 @@ from benchmarks.latency.measure import Timing, stolen_share
 
 STOLEN_ALLOWED = 0.03
 CLOCK_SPREAD_ALLOWED = 1.25
+WAKE_P99_ALLOWED_US = 2000.0
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -55,6 +56,14 @@ def noise(timings: Mapping[str, Timing]) -> list[str]:
     if spread > CLOCK_SPREAD_ALLOWED:
         reasons.append(f"the core's speed changed {spread:.2f} times, {CLOCK_SPREAD_ALLOWED:g} allowed")
     return reasons
+
+
+def wake_noise(machine: Machine) -> list[str]:
+    """Why the loop's timings, which depend on wake-ups, must not be believed; empty for a quiet machine."""
+    p99 = machine.wake_us[1]
+    if p99 <= WAKE_P99_ALLOWED_US:
+        return []
+    return [f"sleeps ended {p99:.0f} us late at p99, {WAKE_P99_ALLOWED_US:.0f} allowed"]
 
 
 def _wake_latency(count: int, period_s: float = 0.005) -> tuple[float, float, float]:
