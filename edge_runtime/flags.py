@@ -90,6 +90,11 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         metavar="S",
         help="longest run in s (default: 60)",
     )
+    add(
+        "--stay",
+        action="store_true",
+        help="drive on when all robots hold their goals, until --duration is over",
+    )
     add("--objectives", type=Path, metavar="FILE", help="TOML: replaces the fleet's objectives and guidance")
     add(
         "--no-guidance",

@@ -89,14 +89,18 @@ def run(
     *,
     dry_run: bool,
     early_wake_s: float = 0.0,
+    stay: bool = False,
 ) -> RunReport:
-    """Drive the mission's robot until the goals are held, time is up, a signal comes or the link fails."""
+    """Drive the mission's robot until the goals are held, time is up, a signal comes or the link fails.
+
+    With ``stay``, goals that are held do not end the run.
+    """
     session = _prepare(mission, bridge.max_speed_m_s, early_wake_s, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
         duration = "duration" if grid.next_s >= duration_s else ""
-        return signals.reason or ("goals held" if monitor.all_hold else duration)
+        return signals.reason or ("goals held" if monitor.all_hold and not stay else duration)
 
     freeze_garbage()
     failure = ""
@@ -163,6 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 flags.duration,
                 dry_run=flags.dry_run,
                 early_wake_s=early_wake_s,
+                stay=flags.stay,
             )
             if flags.json:
                 _write(flags.json, report)

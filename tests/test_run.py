@@ -85,6 +85,17 @@ def test_duration_counts_whole_periods(command, tmp_path):
     assert "none, the flow is unguided" in done.stdout
 
 
+def test_a_robot_that_stays_holds_its_goal_until_the_duration_is_over(command, tmp_path):
+    fleet = tmp_path / "still.toml"
+    fleet.write_text("[[robots]]\nid = 0\nstart_m = [0.0, 0.0]\ngoal_m = [0.0, 0.0]\n")
+    reasons = {}
+    for stay in ([], ["--stay"]):
+        flags = ["--fleet", fleet, "--duration", "1.5", *stay, "--json", tmp_path / "run.json"]
+        subprocess.run([*command, *flags], capture_output=True, check=True)
+        reasons[tuple(stay)] = report_of(tmp_path / "run.json")["stop_reason"]
+    assert reasons == {(): "goals held", ("--stay",): "duration"}
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signals_end_the_run_in_order(command, tmp_path, number):
     flags = ["--json", tmp_path / "run.json"]
