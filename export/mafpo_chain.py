@@ -15,6 +15,7 @@ from torch import Tensor
 
 from export.algorithm import TrainingSettings
 from export.networks import FlowNetwork
+from export.precision import half_precision
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class ChainSettings:
     """sigma, in units of the action, at each Euler step."""
     clip: float = 0.2
     """Half-width of PPO's trust region for the chain's ratio."""
+    half_precision: bool = True
+    """Compute likelihoods in bfloat16 where the processor is faster so."""
 
 
 class MafpoChain:
@@ -53,7 +56,9 @@ class MafpoChain:
         """Log-density of the chain's T transitions, less its constant; the action is the chain's end."""
         chain = trace.unflatten(-1, (self.euler_steps + 1, action.shape[-1]))
         tau = torch.arange(self.euler_steps, device=chain.device)[:, None] / self.euler_steps
-        velocity = self.actor.velocity(self.actor.context(observation)[..., None, :], chain[..., :-1, :], tau)
+        with half_precision(chain.device, wanted=self.flow.half_precision):
+            context = self.actor.context(observation)[..., None, :]
+            velocity = self.actor.velocity(context, chain[..., :-1, :], tau).float()
         residual = chain.diff(dim=-2) - velocity / self.euler_steps
         return -residual.square().sum((-2, -1)) / (2 * self.flow.step_noise**2)
 

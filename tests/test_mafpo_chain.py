@@ -16,6 +16,7 @@ def algorithm_with_weights():
 
 def test_log_likelihood_is_the_density_of_the_chains_transitions():
     algorithm = algorithm_with_weights()
+    algorithm.flow = replace(algorithm.flow, half_precision=False)
     observation = torch.randn(32, 18)
     action, trace = algorithm.explore(observation, torch.Generator().manual_seed(0))
     chain, steps, sigma = trace.view(32, 11, 2), 10, algorithm.flow.step_noise
@@ -26,6 +27,15 @@ def test_log_likelihood_is_the_density_of_the_chains_transitions():
     constant = steps * Normal(torch.zeros(2), sigma).log_prob(torch.zeros(2)).sum()
     torch.testing.assert_close(algorithm.log_likelihood(observation, action, trace), density - constant)
     assert torch.equal(chain[:, -1], action)
+
+
+def test_half_precision_moves_a_log_likelihood_by_far_less_than_an_update_does():
+    algorithm = algorithm_with_weights()
+    observation = torch.randn(512, 18)
+    samples = (observation, *algorithm.explore(observation, torch.Generator().manual_seed(0)))
+    half = algorithm.log_likelihood(*samples)
+    algorithm.flow = replace(algorithm.flow, half_precision=False)
+    assert (half - algorithm.log_likelihood(*samples)).abs().mean() < 0.02
 
 
 def test_without_step_noise_it_explores_as_deployed():

@@ -27,7 +27,9 @@ def make_trainer(algorithm, workers):
     torch.manual_seed(0)
     scenario = make_scenario("navigation", ENVIRONMENTS // workers.count, 0, workers.device, training=True)
     generator = torch.Generator().manual_seed(workers.rank)
-    return Trainer(scenario, algorithm(18, 2), SETTINGS, generator, workers)
+    learner = algorithm(18, 2)
+    learner.flow = replace(learner.flow, half_precision=False)
+    return Trainer(scenario, learner, SETTINGS, generator, workers)
 
 
 def make_rollout(algorithm, first, last):
