@@ -11,6 +11,9 @@ BUNDLE_FORMAT = "cfpg-bundle/1"
 RATE_HZ = (1.0, 1000.0)
 """Least and greatest control rate."""
 
+FlowStart = Literal["noise", "zero"]
+"""What a flow was trained to start from: standard normal noise, or zero alone (a Gaussian policy's mean)."""
+
 
 class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One contiguous piece of the observation vector."""
@@ -57,7 +60,7 @@ class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Unguided success on validation episodes, in [0, 1]."""
 
 
-class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """``manifest.json``: everything the robot must know to run the policy as it was trained."""
 
     format: str
@@ -76,6 +79,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """None for a policy whose training is not known."""
     files: dict[str, str]
     """SHA-256 of each other file of the bundle, in hexadecimal."""
+    start: FlowStart = "noise"
 
     @property
     def observation_dim(self) -> int:

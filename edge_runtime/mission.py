@@ -62,6 +62,7 @@ class Mission:
         policy = self.bundle.field(self.backend)
         # Objectives look ahead in the policy's own control steps, whatever the rate it is run at.
         guidance = self.steering.guidance
+        start_noise = guidance.start_noise if self.bundle.manifest.start == "noise" else 0.0
         guide = Guide(guidance, self.objectives, self.bundle.manifest.dynamics)
         limits = self._limits(max_speed_m_s)
         return {
@@ -71,7 +72,7 @@ class Mission:
                 policy,
                 guide,
                 limits,
-                guidance.start_noise,
+                start_noise,
                 self.seed * 2**16 + robot.id,
             )
             for robot in self.fleet.robots

@@ -6,7 +6,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from export.networks import FlowNetwork
+from export.networks import Actor
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Algorithm(Protocol):
     """
 
     name: str
-    actor: FlowNetwork
+    actor: Actor
     euler_steps: int
     settings: TrainingSettings
 

@@ -9,8 +9,9 @@ from typing import Any
 import torch
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.manifest import FlowStart
 from export.atomic import write_atomic
-from export.networks import FlowNetwork
+from export.networks import Actor, FlowNetwork
 
 CHECKPOINT = "checkpoint.pt"
 BEST = "best.pt"
@@ -44,6 +45,9 @@ class PolicyFacts:
     """The scenario's score on validation episodes."""
     euler_steps: int
     """T that it was trained with."""
+    start: FlowStart = "noise"
+    preferred: bool = False
+    """Whether it observes preferences between the task and its execution objectives."""
 
 
 def save(path: Path, state: dict[str, Any]) -> None:
@@ -88,20 +92,21 @@ def check_identity(path: Path, found: dict[str, Any], wanted: RunIdentity) -> No
             )
 
 
-def save_policy(directory: Path, actor: FlowNetwork, facts: PolicyFacts) -> None:
-    """Write ``best.pt``.
+def save_policy(directory: Path, actor: Actor, facts: PolicyFacts) -> None:
+    """Write ``best.pt``: the flow that robots run, whatever was trained.
 
     Raises:
         ConfigError: if the file cannot be written.
     """
+    flow = actor.as_flow()
     network = {
-        "observation_dim": actor.observation_dim,
-        "action_dim": actor.action_dim,
-        "hidden": actor.hidden,
-        "activation": actor.activation,
-        "prior_std": actor.prior_std,
+        "observation_dim": flow.observation_dim,
+        "action_dim": flow.action_dim,
+        "hidden": flow.hidden,
+        "activation": flow.activation,
+        "prior_std": flow.prior_std,
     }
-    save(directory / BEST, {"facts": asdict(facts), "network": network, "actor": actor.state_dict()})
+    save(directory / BEST, {"facts": asdict(facts), "network": network, "actor": flow.state_dict()})
 
 
 def load_policy(run_dir: Path) -> tuple[FlowNetwork, PolicyFacts]:

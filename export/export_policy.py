@@ -124,6 +124,7 @@ def _scenario_facts(origin: PolicyFacts) -> Facts:
             commit=origin.commit,
             score=origin.score,
         ),
+        start=origin.start,
     )
 
 

@@ -11,6 +11,7 @@ from edge_runtime.manifest import (
     BUNDLE_FORMAT,
     ActionField,
     Body,
+    FlowStart,
     Manifest,
     Network,
     ObservationField,
@@ -58,6 +59,7 @@ class Facts(msgspec.Struct, frozen=True):
     dynamics: Dynamics
     body: Body
     training: Training | None = None
+    start: FlowStart = "noise"
 
     @property
     def observation_dim(self) -> int:
@@ -79,6 +81,7 @@ class Facts(msgspec.Struct, frozen=True):
             body=self.body,
             training=self.training,
             files=files,
+            start=self.start,
         )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from edge_runtime.manifest import FlowStart
 from edge_runtime.weights import Activation, FlowWeights
 from export.moments import RunningMoments
 
@@ -15,7 +16,26 @@ TIME_FREQUENCIES = (1.0, 2.0, 4.0, 8.0)
 """Radians per unit of flow time; each is used once as a sine and once as a cosine."""
 
 
-class FlowNetwork(nn.Module):
+class Actor(nn.Module):
+    """What training needs of a policy's network, whatever the distribution of its actions."""
+
+    start: FlowStart = "noise"
+    """What ``as_flow()`` starts from."""
+
+    def __init__(
+        self, observation_dim: int, action_dim: int, hidden: tuple[int, ...], activation: Activation
+    ) -> None:
+        super().__init__()
+        self.observation_dim, self.action_dim = observation_dim, action_dim
+        self.hidden, self.activation = hidden, activation
+        self.moments = RunningMoments(observation_dim)
+
+    def as_flow(self) -> "FlowNetwork":
+        """Return the flow that robots run in this policy's stead."""
+        raise NotImplementedError(f"{type(self).__name__} must define as_flow()")
+
+
+class FlowNetwork(Actor):
     """Velocity field v(a, tau | o) as stated in ``edge_runtime.weights``; observations are normalised here.
 
     The first layer is a sum of an observation, an action and a time part, so that one observation's part
@@ -33,14 +53,12 @@ class FlowNetwork(nn.Module):
         activation: Activation = "silu",
         prior_std: float | None = 0.5,
     ) -> None:
-        super().__init__()
-        self.observation_dim, self.action_dim = observation_dim, action_dim
-        self.hidden, self.activation, self.prior_std = hidden, activation, prior_std
+        super().__init__(observation_dim, action_dim, hidden, activation)
+        self.prior_std = prior_std
         self.register_buffer("frequency", torch.tensor(TIME_FREQUENCIES).repeat(2))
         self.register_buffer(
             "phase", torch.tensor([0.0, math.pi / 2]).repeat_interleave(len(TIME_FREQUENCIES))
         )
-        self.moments = RunningMoments(observation_dim)
         self.from_observation = nn.Linear(observation_dim, hidden[0])
         self.from_action = nn.Linear(action_dim, hidden[0], bias=False)
         self.from_time = nn.Linear(1 + len(self.frequency), hidden[0], bias=False)
@@ -72,6 +90,10 @@ class FlowNetwork(nn.Module):
         for k in range(steps):
             action = action + self.velocity(context, action, start.new_full((1,), k / steps)) / steps
         return action
+
+    def as_flow(self) -> "FlowNetwork":
+        """Return itself."""
+        return self
 
     def to_weights(self) -> FlowWeights:
         """Copy the weights in the runtime's layout, the observations' normalisation folded in."""

@@ -9,9 +9,10 @@ from export.algorithm import Algorithm, TrainingSettings
 from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
 from export.mafpo import Mafpo
 from export.mafpo_chain import MafpoChain
+from export.mappo import Mappo
 from export.scenarios import SCENARIOS
 
-ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain)}
+ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo)}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""edge-train: train a flow policy on a scenario."""
+"""edge-train: train a policy on a scenario."""
 
 import argparse
 import sys
@@ -19,6 +19,7 @@ examples:
   edge-train navigation --seed 0 --out runs/nav
   edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
   edge-train navigation --algorithm mafpo --seed 1 --out runs/mafpo-1     the ratio of eq. 8
+  edge-train navigation --algorithm mappo --out runs/mappo                the paper's Gaussian baseline
   edge-train navigation --out runs/nav --workers 2           two processes, one policy
 
 the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv and curve.png
@@ -29,7 +30,7 @@ def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
     """Return the request and the number of workers to start."""
     parser = argparse.ArgumentParser(
         prog="edge-train",
-        description="Train a flow policy for a team of robots.",
+        description="Train a policy for a team of robots.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

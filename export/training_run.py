@@ -111,6 +111,7 @@ class TrainingRun:
             commit=_git_commit(),
             score=self.best_score,
             euler_steps=self.trainer.algorithm.euler_steps,
+            start=self.trainer.algorithm.actor.start,
         )
 
     def _checkpoint(self) -> None:

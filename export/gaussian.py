@@ -1,0 +1,60 @@
+"""A Gaussian policy, and how the runtime of flow policies deploys its mean.
+
+The mean mu(o) is a flow that takes a single Euler step from zero: with T = 1 and v(a, 0 | o) = mu(o) the
+action is 0 + v(0, 0 | o) = mu(o). As a `FlowNetwork` this has no prior field, and the action's and time's
+rows of its first layer are zero.
+"""
+
+import math
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.distributions import Independent, Normal
+
+from edge_runtime.weights import Activation
+from export.networks import ACTIVATIONS, Actor, FlowNetwork
+
+
+class GaussianNetwork(Actor):
+    """N(mu(o), diag(s^2)): an MLP's mean and a learned deviation that no observation changes."""
+
+    start = "zero"
+
+    def __init__(
+        self,
+        observation_dim: int,
+        action_dim: int,
+        hidden: tuple[int, ...] = (64, 64),
+        activation: Activation = "silu",
+        initial_std: float = 0.5,
+    ) -> None:
+        super().__init__(observation_dim, action_dim, hidden, activation)
+        self.from_observation = nn.Linear(observation_dim, hidden[0])
+        self.layers = nn.ModuleList(nn.Linear(m, n) for m, n in pairwise((*hidden, action_dim)))
+        self.log_deviation = nn.Parameter(torch.full((action_dim,), math.log(initial_std)))
+        self._activate = ACTIVATIONS[activation]()
+        nn.init.normal_(self.layers[-1].weight, std=0.01)
+        nn.init.zeros_(self.layers[-1].bias)
+
+    def mean(self, observation: Tensor) -> Tensor:
+        """mu: observations (.., O) -> (.., d)."""
+        x = self.from_observation(self.moments(observation))
+        for layer in self.layers:
+            x = layer(self._activate(x))
+        return x
+
+    def forward(self, observation: Tensor) -> Independent:
+        """Distribution of the actions (.., d), given observations (.., O)."""
+        return Independent(Normal(self.mean(observation), self.log_deviation.exp()), 1)
+
+    def as_flow(self) -> FlowNetwork:
+        """Return the flow whose single Euler step from zero is the mean."""
+        flow = FlowNetwork(
+            self.observation_dim, self.action_dim, self.hidden, self.activation, prior_std=None
+        )
+        for name in ("moments", "from_observation", "layers"):
+            getattr(flow, name).load_state_dict(getattr(self, name).state_dict())
+        nn.init.zeros_(flow.from_action.weight)
+        nn.init.zeros_(flow.from_time.weight)
+        return flow
