@@ -22,31 +22,18 @@ import math
 import time
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.guide import Guide
 from edge_runtime.kernel import CompiledPolicy, encode
-from edge_runtime.messages import TeamState, Vector2
+from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
 from edge_runtime.projection import cone
 from edge_runtime.scene import Motion, Outlook, look_ahead
 
-
-class GuidedAction(msgspec.Struct, frozen=True, gc=False):
-    """One sampled action and what happened on the way."""
-
-    action: Vector2
-    steps: int
-    """Euler steps completed; fewer than T if the deadline came first."""
-    costs: tuple[float, ...] = ()
-    """Each active objective's cost where it was evaluated last: the newest terminal estimate."""
-    projections: int = 0
-    """Steps in which the projection changed the guidance."""
-    fault: str = ""
-    """Why the action must not be used: a non-finite observation, gradient or velocity. Else empty."""
+__all__ = ["GuidedAction", "guided_action"]
 
 
 def guided_action(

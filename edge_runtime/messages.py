@@ -1,4 +1,4 @@
-"""The records that travel through one tick: states in, a command out. SI units, monotonic stamps."""
+"""The records that travel through one tick, from states to a command. SI units, monotonic stamps."""
 
 import msgspec
 
@@ -32,6 +32,28 @@ class TeamState(msgspec.Struct, frozen=True):
     teammates: tuple[Teammate, ...] = ()
     fault: str = ""
     """Why no action may rest on this view, such as a teammate silent for too long. Else empty."""
+
+
+class GuidedAction(msgspec.Struct, frozen=True, gc=False):
+    """One sampled action and what happened on the way; see `edge_runtime.guidance`."""
+
+    action: Vector2
+    steps: int
+    """Euler steps completed; fewer than T if the deadline came first."""
+    costs: tuple[float, ...] = ()
+    """Each active objective's cost where it was evaluated last: the newest terminal estimate."""
+    projections: int = 0
+    """Steps in which a projection changed the guidance."""
+    fault: str = ""
+    """Why the action must not be used: a non-finite observation, gradient or velocity. Else empty."""
+    conflicts: tuple[int, ...] = ()
+    """For each active objective, steps in which its descent direction opposed another one's."""
+    opposed: int = 0
+    """Steps in which eq. 15 removed what opposed the nominal flow."""
+    correction: Vector2 = (0.0, 0.0)
+    """How far the finished action was moved at tau = 1; mode ``terminal`` only."""
+    cut: bool = False
+    """Whether the deadline came before the last step."""
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):

@@ -1,0 +1,281 @@
+"""What a log holds: its channels, and the record on each.
+
+A log is an MCAP file (https://mcap.dev/spec) with JSON messages and JSON Schemas, as Foxglove opens them.
+Every tick puts one message on each of `TICK_CHANNELS`, all with the tick's number as their MCAP sequence and
+the same log time; `edge_runtime.log_reader` puts them together again as one `Tick`.
+
+- Log times are Unix nanoseconds that advance with the monotonic clock: the wall clock at the start plus the
+  monotonic time since. Stamps inside records are monotonic seconds of the robot, ages are seconds.
+- JSON numbers are the shortest that read back as the same double. A number that is not finite, for which
+  JSON has no form, is one of the strings "NaN", "Infinity" and "-Infinity", as in protobuf's JSON.
+- Every file of a run stands by itself: it begins with `Start` and the `ObjectiveSet` in force.
+
+Whoever changes a record, also one of the runtime's own that is used here, raises `LOG_FORMAT`.
+"""
+
+from typing import Final
+
+import msgspec
+
+from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+
+LOG_FORMAT: Final = "cfpg-log/1"
+
+
+class Versions(msgspec.Struct, frozen=True):
+    """The software of a run."""
+
+    cfpg_edge: str
+    python: str
+    numpy: str
+
+
+class Machine(msgspec.Struct, frozen=True):
+    """The computer of a run."""
+
+    host: str
+    processor: str
+    cores: int
+    kernel: str
+
+
+class BundleIdentity(msgspec.Struct, frozen=True):
+    """The policy of a run."""
+
+    name: str
+    directory: str
+    sha256: str
+    """Of its manifest.json, which holds the digests of its other files."""
+    radius_m: float
+    """Of the robots' discs."""
+    euler_steps: int
+    """T: a sample of fewer steps was cut short by its deadline, or refused."""
+
+
+class RobotPlace(msgspec.Struct, frozen=True):
+    """One robot of the fleet."""
+
+    robot_id: int
+    start_m: Vector2
+    goal_m: Vector2
+
+
+class FleetIdentity(msgspec.Struct, frozen=True):
+    """The fleet of a run."""
+
+    path: str
+    sha256: str
+    """Of the fleet file."""
+    goal_tolerance_m: float
+    robots: tuple[RobotPlace, ...]
+
+
+class Settings(msgspec.Struct, frozen=True):
+    """How the run was asked to go, and what its commands were limited to."""
+
+    rate_hz: float
+    seed: int
+    backend: str
+    """Who computed the policy: ``numpy``, ``compiled`` or ``onnxruntime``."""
+    engine: str
+    """The instruction set of the compiled kernel; empty for the other backends."""
+    bridge: str
+    dry_run: bool
+    realtime: bool
+    max_state_age_s: float
+    max_step: float
+    """Greatest change of each action component from one command to the next; may be infinite."""
+    max_speed_m_s: float
+    """Greatest velocity setpoint; may be infinite."""
+
+
+class Start(msgspec.Struct, frozen=True):
+    """Channel ``/start``: the first message of every file."""
+
+    format: str
+    """`LOG_FORMAT`."""
+    run: str
+    """The same in all files of a run, and in no other."""
+    part: int
+    """Number of this file within the run, from 0."""
+    robot_id: int
+    started_at: str
+    """Wall clock at the run's start: ISO 8601, UTC."""
+    started_unix_s: float
+    """The same moment in seconds since 1970."""
+    started_s: float
+    """The same moment on the monotonic clock."""
+    versions: Versions
+    machine: Machine
+    bundle: BundleIdentity
+    fleet: FleetIdentity
+    settings: Settings
+
+
+class LoggedObjective(msgspec.Struct, frozen=True):
+    """One objective of a set."""
+
+    name: str
+    kind: str
+    """``type`` of an objectives file: a built-in name, or ``module:Class``."""
+    folder: str
+    """Where an own objective's module was imported from; empty for built-in ones."""
+    weight: float
+    active: bool
+    """Whether it steered; costs and conflicts are listed for active ones only, in this order."""
+    parameters: str
+    """All its fields as JSON."""
+
+
+class ObjectiveSet(msgspec.Struct, frozen=True):
+    """Channel ``/objectives``: what steers from here on; again at the start of each file."""
+
+    version: int
+    """0 is what the run started with; a set that the team agrees on while it drives has a higher one."""
+    mode: str
+    scale: float
+    start_noise: float
+    """Deviation of the flow's start."""
+    guided: bool
+    """False if the flow was left alone: then no objective is active."""
+    objectives: tuple[LoggedObjective, ...]
+
+
+class Inputs(msgspec.Struct, frozen=True, gc=False):
+    """Channel ``/inputs``: what a tick began with, besides what it saw."""
+
+    number: int
+    """Of the tick, from 0; numbers that are missing were lost."""
+    deadline_s: float
+    misses: int
+    """Deadlines missed so far in the run."""
+    objectives_version: int
+    start: Vector2
+    """Start noise: where the flow began."""
+    previous_action: Vector2
+    """The action commanded last, from which the slew limit counts."""
+
+
+class Observation(msgspec.Struct, frozen=True):
+    """Channel ``/observation``: the policy's input, in the order of the manifest's fields."""
+
+    values: tuple[float, ...]
+    """(O,) 32-bit floats."""
+
+
+class StageTimes(msgspec.Struct, frozen=True, gc=False):
+    """Channel ``/timing``: how long the tick's stages took, in microseconds."""
+
+    wake: float
+    """From the deadline to the tick's start."""
+    read: float
+    observe: float
+    act: float
+    limit: float
+    write: float
+    tick: float
+    """From the tick's start to the command's departure."""
+
+
+class Tick(msgspec.Struct, frozen=True):
+    """One tick; each field is one message, on the channel of its name."""
+
+    inputs: Inputs
+    state: TeamState
+    """The own state and the teammates' with their ages, and why no action may rest on them."""
+    observation: Observation
+    action: GuidedAction
+    """The sampled action with each objective's cost and conflicts, and what projections took effect."""
+    command: Command
+    """The action within its limits."""
+    timing: StageTimes
+
+
+class Time(msgspec.Struct, frozen=True):
+    """Unix time as Foxglove's own schemas write it."""
+
+    sec: int
+    nsec: int
+
+
+class Event(msgspec.Struct, frozen=True):
+    """Channel ``/events``: something that happened, as a ``foxglove.Log`` for Foxglove's Log panel."""
+
+    timestamp: Time
+    level: int
+    """2 info, 3 warning, 4 error."""
+    name: str
+    """What kind it is, one of `EVENTS`."""
+    message: str
+    file: str = ""
+    line: int = 0
+
+
+class End(msgspec.Struct, frozen=True):
+    """Channel ``/end``: the last message of a run that ended in good order."""
+
+    stop_reason: str
+    failed: bool
+    """The link to the robot failed; ``stop_reason`` says how."""
+    ticks: int
+    deadline_misses: int
+    lost: int
+    """Ticks that the loop could not hand over for recording."""
+
+
+class Vector3(msgspec.Struct, frozen=True):
+    """A point as Foxglove's own schemas write it."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(msgspec.Struct, frozen=True):
+    """A rotation as Foxglove's own schemas write it."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class Pose(msgspec.Struct, frozen=True):
+    """``foxglove.Pose``."""
+
+    position: Vector3
+    orientation: Quaternion
+
+
+class PosesInFrame(msgspec.Struct, frozen=True):
+    """Channel ``/poses``: ``foxglove.PosesInFrame`` for the 3D panel, own pose first; from ``/state``."""
+
+    timestamp: Time
+    frame_id: str
+    poses: tuple[Pose, ...]
+
+
+EVENTS: Final = ("start", "fault", "recovered", "miss", "cut", "lost", "found", "objectives", "gap", "stop")
+"""Fault begins, fault ends, deadlines missed, sample cut short, teammate lost, teammate found,
+objectives exchanged, ticks lost to the log, run stopped."""
+
+TICK_CHANNELS: Final = ("inputs", "state", "observation", "action", "command", "timing")
+"""Fields of `Tick`, in the order of their messages."""
+
+CHANNELS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
+    "start": ("cfpg.Start", Start),
+    "objectives": ("cfpg.ObjectiveSet", ObjectiveSet),
+    "inputs": ("cfpg.Inputs", Inputs),
+    "state": ("cfpg.TeamState", TeamState),
+    "observation": ("cfpg.Observation", Observation),
+    "action": ("cfpg.GuidedAction", GuidedAction),
+    "command": ("cfpg.Command", Command),
+    "timing": ("cfpg.StageTimes", StageTimes),
+    "events": ("foxglove.Log", Event),
+    "poses": ("foxglove.PosesInFrame", PosesInFrame),
+    "end": ("cfpg.End", End),
+}
+"""Channel (its topic without the slash), name of its schema, record."""
+
+Record = Start | ObjectiveSet | Tick | Event | End
+"""What `edge_runtime.log_reader.read_log` yields, in the order of the file."""
