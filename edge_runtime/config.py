@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import CarrierSettings, Robot, check_network
+from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
@@ -56,6 +56,8 @@ class Fleet(msgspec.Struct, frozen=True):
     steering: Steering
     carrier: CarrierSettings | None = None
     """The team's network; None if all its robots are simulated in one process."""
+    watch: WatchSettings | None = None
+    """Who watches the team; nobody where None."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -76,6 +78,7 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     objectives: tuple[Table, ...] = ()
     guidance: GuidanceSettings = GuidanceSettings()
     carrier: CarrierSettings | None = None
+    watch: WatchSettings | None = None
 
 
 class _SteeringTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,7 +87,7 @@ class _SteeringTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_fleet(path: Path) -> Fleet:
-    """Read a fleet file: ``[team]``, ``[[robots]]``, ``[[objectives]]``, ``[guidance]``, ``[carrier]``.
+    """Read a fleet file: team, robots, objectives, guidance, carrier and watch.
 
     Raises:
         ConfigError: names the file, the key and what is allowed.
@@ -96,9 +99,9 @@ def load_fleet(path: Path) -> Fleet:
     for index, robot_id in enumerate(ids):
         if robot_id in ids[:index]:
             refuse(path, f"robots[{index}].id", f"{robot_id} is taken by robots[{ids.index(robot_id)}]")
-    check_network(path, tables.carrier, tables.robots)
+    check_network(path, tables.carrier, tables.watch, tables.robots)
     steering = Steering(_objectives(tables.objectives, path), tables.guidance)
-    return Fleet(path, tables.team, tables.robots, steering, tables.carrier)
+    return Fleet(path, tables.team, tables.robots, steering, tables.carrier, tables.watch)
 
 
 def load_steering(path: Path) -> Steering:

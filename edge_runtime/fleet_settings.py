@@ -58,6 +58,16 @@ class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"`{field}` must be above 0, got {value:g}")
 
 
+class WatchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who watches the team: the table ``[watch]``."""
+
+    address: str
+    """Where edge-watch listens, such as ``10.0.0.5:47900``; every robot sends its status there."""
+
+    def __post_init__(self) -> None:
+        endpoint(self.address)
+
+
 def endpoint(address: str) -> Endpoint:
     """Read an address such as ``10.0.0.12:47000`` or ``[fd00::12]:47000``.
 
@@ -83,7 +93,9 @@ def endpoint(address: str) -> Endpoint:
     return str(ip), int(port)
 
 
-def check_network(path: Path, carrier: CarrierSettings | None, robots: Sequence["Robot"]) -> None:
+def check_network(
+    path: Path, carrier: CarrierSettings | None, watch: WatchSettings | None, robots: Sequence["Robot"]
+) -> None:
     """Check what no robot's entry shows by itself.
 
     Raises:
@@ -101,6 +113,8 @@ def check_network(path: Path, carrier: CarrierSettings | None, robots: Sequence[
             _refuse_without_carrier(path, index, robot)
     if carrier is not None:
         _check_addresses(path, robots)
+    if watch is not None:
+        _check_watch(path, carrier, watch, robots)
 
 
 def _refuse_without_carrier(path: Path, index: int, robot: "Robot") -> None:
@@ -125,3 +139,14 @@ def _check_addresses(path: Path, robots: Sequence["Robot"]) -> None:
         if taken and (":" in place[0]) != (":" in taken[0][0]):
             refuse(path, key, "IPv4 and IPv6 do not mix in one team")
         taken.append(place)
+
+
+def _check_watch(
+    path: Path, carrier: CarrierSettings | None, watch: WatchSettings, robots: Sequence["Robot"]
+) -> None:
+    if carrier is None:
+        refuse(path, "watch", 'means nothing without [carrier]; add [carrier] key = "team.key"')
+    taken = [endpoint(robot.address) for robot in robots if robot.address is not None]
+    place = endpoint(watch.address)
+    if place in taken:
+        refuse(path, "watch.address", f"{watch.address} is taken by robots[{taken.index(place)}]")

@@ -126,6 +126,14 @@ class TimingRecord:
         """Distribution of every stage."""
         return {name: self._percentiles(column) for column, name in enumerate(self.stages)}
 
+    def recent_us(self, ticks: int) -> list[tuple[float, float]]:
+        """Median and 99th percentile of each stage, then of the whole tick, over the newest ``ticks``."""
+        kept = min(ticks, self._ticks, len(self._ring))
+        if not kept:
+            return [(0.0, 0.0)] * (len(self.stages) + 1)
+        rows = self._ring[np.arange(self._ticks - kept, self._ticks) % len(self._ring)]
+        return [(p50, p99) for p50, p99 in np.percentile(rows, [50.0, 99.0], axis=0).T.tolist()]
+
     def _percentiles(self, column: int) -> Percentiles:
         kept = self._ring[: min(self._ticks, len(self._ring)), column]
         if not len(kept):

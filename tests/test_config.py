@@ -83,7 +83,7 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
     "text, expected",
     [
         ("robots = []", "robots: a fleet needs at least one robot"),
-        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier"),
+        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch"),
         (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
         (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
         (ROBOTS.replace("3", "true"), "robots[0].id: Expected `int`, got `bool`"),
@@ -105,7 +105,11 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
         (ROBOTS + "[team]\ngoal_tolerance_m = 0", "team: `goal_tolerance_m` must be above 0, got 0.0"),
         (ROBOTS + "[team]\nmax_state_age_s = nan", "team.max_state_age_s: must be a finite number, got nan"),
         (ROBOTS + "[[team]]", "team: Expected `table`, got `array`"),
-        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance, carrier"),
+        (
+            ROBOTS + '[watch]\naddress = "127.0.0.1:47900"',
+            'watch: means nothing without [carrier]; add [carrier] key = "team.key"',
+        ),
+        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch"),
         (ROBOTS + "[guidance]\nscale = inf", "guidance.scale: must be a finite number, got inf"),
     ],
 )
@@ -178,6 +182,13 @@ ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000,
             "",
             "robots[0].address: means nothing without [carrier]; add [carrier] ",
         ),
+        (
+            "[carrier]",
+            '[watch]\naddress = "127.0.0.1:47001"\n[carrier]',
+            "watch.address: 127.0.0.1:47001 is taken by robots[0]",
+        ),
+        ("[carrier]", '[watch]\naddress = "all"\n[carrier]', f"watch: {ADDRESS}'all'"),
+        ("[carrier]", "[watch]\n[carrier]", "watch.address: missing; allowed: address"),
     ],
 )
 def test_teams_that_do_not_hold_together(write, old, new, expected):
