@@ -3,10 +3,11 @@
 import torch
 
 from edge_runtime.errors import ConfigError
+from export.scenarios.balance import Balance
 from export.scenarios.navigation import Navigation
 from export.scenarios.scenario import Scenario
 
-SCENARIOS = {"navigation": Navigation}
+SCENARIOS = {"balance": Balance, "navigation": Navigation}
 
 
 def make_scenario(

@@ -1,0 +1,188 @@
+"""VMAS Balance: five discs under a loose line lift the package on it to a goal, against gravity.
+
+Simulation and reward are those of VMAS 1.5.2. Episodes start by this module's own vectorised reset; the
+line's inclination is observed as sin(2 angle), since VMAS' own angle modulo pi jumps where the line is level.
+"""
+
+import contextlib
+import io
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from edge_runtime.dynamics import Dynamics
+from edge_runtime.manifest import ActionField, Body, ObservationField
+from export.scenarios.balance_starts import PACKAGE_RADIUS_M, RADIUS_M, ROBOTS, State, draw_starts
+from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
+
+with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement for its successor
+    import vmas
+    from vmas.scenarios.balance import Scenario as VmasBalance
+    from vmas.simulator.core import Agent
+
+FORCE_MULTIPLIER = 0.7
+"""Newtons that VMAS makes of one unit of action, on a robot of 1 kg."""
+GRAVITY_M_S2 = 0.05
+"""On everything. The dynamics below leave it out: it moves all robots alike, so that neither their order
+nor their distances feel it."""
+ON_GOAL_M = 2 * PACKAGE_RADIUS_M
+"""Distance at which VMAS' package and goal overlap."""
+START_DISTANCE_M = 1.55
+"""Mean distance from package to goal when an episode starts."""
+FLYING_SHARE = 0.5
+"""Share of the training episodes that start in flight, robots anywhere under the line and in motion:
+states which guidance leads to and which the policy would not enter by itself."""
+
+FACTS = ScenarioFacts(
+    name="balance",
+    robots=ROBOTS,
+    observation=(
+        ObservationField("position", 2, "m"),
+        ObservationField("velocity", 2, "m/s"),
+        ObservationField("package_offset", 2, "m"),
+        ObservationField("line_offset", 2, "m"),
+        ObservationField("package_goal_offset", 2, "m"),
+        ObservationField("package_velocity", 2, "m/s"),
+        ObservationField("line_velocity", 2, "m/s"),
+        ObservationField("line_angular_velocity", 1, "rad/s"),
+        ObservationField("line_sin_2_angle", 1, "1"),
+    ),
+    action=(ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0)),
+    # The multiplier is stated as inertia: one newton moves 1 / 0.7 kg as VMAS' 0.7 N move 1 kg.
+    dynamics=Dynamics(mass_kg=1.0 / FORCE_MULTIPLIER, drag=0.25, dt_s=0.1, substeps=1),
+    body=Body(radius_m=RADIUS_M, lidar_rays=0, lidar_range_m=0.0),
+    training_steps=200,
+    evaluation_steps=300,
+    failure="fall",
+)
+"""Offsets are position minus package, position minus the line's centre, and package minus goal."""
+
+
+class _SilentBalance(VmasBalance):
+    """VMAS' scenario less its own observations, which ``Balance.observe`` replaces for all robots at once."""
+
+    def observation(self, agent: Agent) -> Tensor:
+        return agent.state.pos
+
+
+class Balance:
+    """B teams of VMAS Balance.
+
+    A team succeeds when package and goal overlap, and goes on to hold it there: the episode does not end.
+    It fails, and ends, when the line or the package lies on the floor.
+    """
+
+    facts = FACTS
+
+    def __init__(self, environments: int, seed: int, device: torch.device, *, training: bool) -> None:
+        self.environments = environments
+        self.device = device
+        self._flying_share = FLYING_SHARE if training else 0.0
+        self._generator = torch.Generator(device).manual_seed(seed)
+        self._vmas = vmas.make_env(
+            _SilentBalance(),
+            num_envs=environments,
+            device=device,
+            continuous_actions=True,
+            clamp_actions=True,
+            seed=seed,
+            n_agents=ROBOTS,
+        )
+        self.reset()
+
+    def observe(self) -> Tensor:
+        """Return the observations (B, N, 16), fields in the order of ``FACTS``."""
+        state = self._physical_state()
+        own = (
+            state["position"],
+            state["velocity"],
+            state["position"] - state["package"][:, None],
+            state["position"] - state["line"][:, None],
+        )
+        shared = torch.cat(
+            [
+                state["package"] - state["goal"],
+                state["package_velocity"],
+                state["line_velocity"],
+                state["line_angular_velocity"],
+                (2 * state["line_angle"]).sin(),
+            ],
+            -1,
+        )
+        return torch.cat([*own, shared[:, None].expand(-1, ROBOTS, -1)], -1)
+
+    def motion(self) -> tuple[Tensor, Tensor]:
+        """Return the robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
+        state = self._physical_state()
+        return state["position"], state["velocity"]
+
+    def nominal(self) -> Tensor:
+        """Return the payload's distance to its goal now, (B,) in metres: Table I's nominal metric."""
+        state = self._physical_state()
+        return (state["package"] - state["goal"]).norm(dim=-1)
+
+    def step(self, action: Tensor) -> Transition:
+        """Apply actions (B, N, 2), clamped to [-1, 1], for 0.1 s."""
+        _, reward, _, _ = self._vmas.step(list(action.unbind(1)))
+        fallen = self._vmas.scenario.on_the_ground
+        return Transition(
+            reward=torch.stack(reward, 1),
+            succeeded=self.nominal() < ON_GOAL_M,
+            failed=fallen,
+            terminated=fallen,
+        )
+
+    def reset(self, finished: Tensor | None = None) -> None:
+        """Start new episodes where ``finished`` (B,) is true; everywhere if it is None."""
+        if finished is None:
+            finished = torch.ones(self.environments, dtype=torch.bool, device=self.device)
+        rows = finished.nonzero()[:, 0]
+        state = self._physical_state()
+        for name, start in draw_starts(len(rows), self._flying_share, self._generator).items():
+            state[name][rows] = start
+        self._set_physical_state(state)
+
+    def score(self, metrics: EpisodeMetrics) -> float:
+        """Return nine tenths of the success rate, plus up to one for the way made towards the goal."""
+        # The reward is 100 per metre that the package comes closer.
+        progress = metrics.mean_return / (100 * (START_DISTANCE_M - ON_GOAL_M))
+        return 0.9 * metrics.success + 0.1 * min(max(progress, 0.0), 1.0)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the motion of robots, package and line, the goals and the generator."""
+        return {**self._physical_state(), "generator": self._generator.get_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what ``state_dict`` returned."""
+        self._set_physical_state({name: state[name].to(self.device) for name in self._physical_state()})
+        self._generator.set_state(state["generator"])
+
+    def _physical_state(self) -> State:
+        """Return new tensors; positions and velocities are (B, .., 2), angles (B, 1)."""
+        agents, scenario = self._vmas.agents, self._vmas.scenario
+        package, line = scenario.package.state, scenario.line.state
+        return {
+            "position": torch.stack([agent.state.pos for agent in agents], 1),
+            "velocity": torch.stack([agent.state.vel for agent in agents], 1),
+            "package": package.pos.clone(),
+            "package_velocity": package.vel.clone(),
+            "goal": scenario.package.goal.state.pos.clone(),
+            "line": line.pos.clone(),
+            "line_velocity": line.vel.clone(),
+            "line_angle": line.rot.clone(),
+            "line_angular_velocity": line.ang_vel.clone(),
+        }
+
+    def _set_physical_state(self, state: State) -> None:
+        scenario = self._vmas.scenario
+        package, line = scenario.package.state, scenario.line.state
+        for i, agent in enumerate(self._vmas.agents):
+            agent.state.pos = state["position"][:, i].contiguous()
+            agent.state.vel = state["velocity"][:, i].contiguous()
+        package.pos, package.vel = state["package"].clone(), state["package_velocity"].clone()
+        scenario.package.goal.state.pos = state["goal"].clone()
+        line.pos, line.vel = state["line"].clone(), state["line_velocity"].clone()
+        line.rot, line.ang_vel = state["line_angle"].clone(), state["line_angular_velocity"].clone()
+        # What VMAS measures the next step's progress from.
+        scenario.global_shaping = self.nominal() * scenario.shaping_factor
