@@ -8,8 +8,16 @@ from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BundleError
 from edge_runtime.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Network, Training
 
-OBSERVATION_UNITS: Final = {"position": "m", "velocity": "m/s", "goal_offset": "m", "proximity": "m"}
-"""Every observation field that the runtime can compute, with its unit."""
+OBSERVATION_UNITS: Final = {
+    "position": "m",
+    "velocity": "m/s",
+    "goal_offset": "m",
+    "proximity": "m",
+    "ranges": "m",
+    "nearby_samples": "1",
+}
+"""Every observation field that a policy may have, with its unit."""
+NEARBY_SAMPLES: Final = 8
 ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
 """The action that the dynamics integrate: one force per axis, in this order."""
 GRAPH_FILE: Final = "policy.onnx"
@@ -20,8 +28,10 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 def observation_size(name: str, body: Body) -> int:
-    """Components of the known observation field ``name``: one per ray for proximity, else x and y."""
-    return body.lidar_rays if name == "proximity" else 2
+    """Components of the known observation field ``name``: one per ray or sample, else x and y."""
+    if name in ("proximity", "ranges"):
+        return body.lidar_rays
+    return NEARBY_SAMPLES if name == "nearby_samples" else 2
 
 
 def bundle_files(runtime: str) -> tuple[str, ...]:
@@ -110,9 +120,9 @@ def _check_observation(rules: _Rules, manifest: Manifest) -> None:
 
 
 def _wanted_size(name: str, size: int) -> str:
-    if name != "proximity":
+    if name not in ("proximity", "ranges"):
         return f"{size} for {name}"
-    return f"{size} for proximity (body.lidar_rays)" if size else "left out, body.lidar_rays is 0"
+    return f"{size} for {name} (body.lidar_rays)" if size else "left out, body.lidar_rays is 0"
 
 
 def _check_action(rules: _Rules, manifest: Manifest) -> None:

@@ -19,6 +19,9 @@ from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.scene import Floats, TeamBatch
 from edge_runtime.weights import Array
 
+SOURCES = ("position", "velocity", "goal_offset", "proximity")
+"""The fields that can be composed here; a policy with others runs only where its simulation observes."""
+
 
 class Observer:
     """Composes one robot's observations; the returned array is reused by the next call.
@@ -26,9 +29,18 @@ class Observer:
     Args:
         manifest: names the fields and the robot's body; already checked.
         goal_m: where the robot is to go.
+
+    Raises:
+        PolicyError: if the policy observes something that has no source here.
     """
 
     def __init__(self, manifest: Manifest, goal_m: Vector2) -> None:
+        missing = [field.name for field in manifest.observation if field.name not in SOURCES]
+        if missing:
+            raise PolicyError(
+                f"policy {manifest.name} observes {', '.join(missing)}, for which robots have no source yet: "
+                f"choose a policy that observes only {', '.join(SOURCES)}"
+            )
         self.goal_m = goal_m
         self._body = manifest.body
         self._fields = tuple(field.name for field in manifest.observation)

@@ -44,7 +44,7 @@ def random_inputs(facts: Facts, count: int = SAMPLES, seed: int = 0) -> Inputs:
     generator = np.random.default_rng(seed)
     fields = []
     for field in facts.observation:
-        if field.name == "proximity":
+        if field.name in ("proximity", "ranges"):
             fields.append(generator.uniform(0.0, facts.body.lidar_range_m, (count, field.size)))
         else:
             fields.append(generator.normal(0.0, 1.0, (count, field.size)))

@@ -98,6 +98,12 @@ def test_fields_follow_the_manifest():
     np.testing.assert_array_equal(observer.observe(TeamState(own)), [[-0.75, -1.5, 0.25, 0.5]])
 
 
+def test_a_field_without_a_source_is_refused():
+    fields = (ObservationField("position", 2, "m"), ObservationField("nearby_samples", 8, "1"))
+    with pytest.raises(PolicyError, match="observes nearby_samples, for which robots have no source yet"):
+        Observer(replace(MANIFEST, observation=fields), (0.0, 0.0))
+
+
 def test_a_real_sensor_takes_the_place_of_the_computed_one():
     observer = Observer(MANIFEST, (0.0, 0.0))
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0)))

@@ -5,6 +5,7 @@ import torch
 from edge_runtime.errors import ConfigError
 from export.scenarios.balance import Balance
 from export.scenarios.navigation import Navigation
+from export.scenarios.sampling import Sampling
 from export.scenarios.scenario import Scenario
 
 SCENARIOS = {"balance": Balance, "navigation": Navigation}
