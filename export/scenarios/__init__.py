@@ -8,7 +8,7 @@ from export.scenarios.navigation import Navigation
 from export.scenarios.sampling import Sampling
 from export.scenarios.scenario import Scenario
 
-SCENARIOS = {"balance": Balance, "navigation": Navigation}
+SCENARIOS = {"balance": Balance, "navigation": Navigation, "sampling": Sampling}
 
 
 def make_scenario(
