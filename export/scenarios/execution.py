@@ -1,0 +1,11 @@
+"""What each task's robots are asked at execution time: Table I's objectives, the same for every method."""
+
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+
+EXECUTION_OBJECTIVES: dict[str, tuple[Objective, ...]] = {
+    "navigation": (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)),
+}
+"""By scenario: the individual's objective, then the team's."""
+
+NOMINAL_STEP: dict[str, float] = {"balance": 0.5, "navigation": 0.1, "sampling": 0.85}
+"""Nominal reward of a robot in one step of good work: the unit in which PC-MAPPO weighs the task."""

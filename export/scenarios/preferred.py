@@ -1,0 +1,108 @@
+"""A scenario whose robots know their execution objectives already in training: what PC-MAPPO learns on.
+
+Each episode has a preference w on the simplex, w_0 for the task and w_1..w_M for its objectives, drawn
+uniformly in training and equal in validation. Every robot observes it and is rewarded by
+
+    r = w_0 r_task / r_step - sum_m w_m x_m,
+
+with ``r_step`` the task's reward for a step of good work and x_m the bounded violations of
+``export.scenarios.violations``: at equal weights the grossest violation costs what such a step earns.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from edge_runtime.manifest import ObservationField
+from edge_runtime.objectives import Objective
+from export.scenarios.scenario import EpisodeMetrics, Scenario, ScenarioFacts, Transition
+from export.scenarios.violations import violations
+
+
+def with_preference(facts: ScenarioFacts, objectives: int) -> ScenarioFacts:
+    """Append the field ``preference``: the task's weight, then one for each of M ``objectives``."""
+    field = ObservationField("preference", 1 + objectives, "1")
+    return replace(facts, observation=(*facts.observation, field))
+
+
+class Preferred:
+    """B teams of ``scenario``, each with a preference for the length of its episode.
+
+    Args:
+        scenario: the task underneath.
+        objectives: M execution objectives.
+        nominal_step: the task's reward of a robot in one step of good work.
+        seed: of the preferences.
+        training: draw preferences; else all weights are equal.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        objectives: tuple[Objective, ...],
+        nominal_step: float,
+        seed: int,
+        *,
+        training: bool,
+    ) -> None:
+        self.scenario = scenario
+        self.facts = with_preference(scenario.facts, len(objectives))
+        self.environments, self.device = scenario.environments, scenario.device
+        self._objectives, self._nominal_step, self._training = objectives, nominal_step, training
+        self._generator = torch.Generator(self.device).manual_seed(seed)
+        self.preference = torch.empty(self.environments, 1 + len(objectives), device=self.device)
+        """(B, 1 + M), rows that sum to one."""
+        self._prefer(torch.ones(self.environments, dtype=torch.bool, device=self.device))
+
+    def observe(self) -> Tensor:
+        """Return the observations (B, N, O): the scenario's, then the preference."""
+        observation = self.scenario.observe()
+        preference = self.preference[:, None].expand(-1, observation.shape[1], -1)
+        return torch.cat([observation, preference], -1)
+
+    def motion(self) -> tuple[Tensor, Tensor]:
+        """Return all robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
+        return self.scenario.motion()
+
+    def step(self, action: Tensor) -> Transition:
+        """Apply the actions (B, N, d); rewards are weighted by the preference."""
+        transition = self.scenario.step(action)
+        violated = violations(self._objectives, self.facts.dynamics, *self.scenario.motion())
+        merits = torch.cat([transition.reward[..., None] / self._nominal_step, -violated], -1)
+        return replace(transition, reward=(merits * self.preference[:, None]).sum(-1))
+
+    def reset(self, finished: Tensor | None = None) -> None:
+        """Start new episodes, with new preferences, where ``finished`` (B,) is true; everywhere if None."""
+        self.scenario.reset(finished)
+        if finished is None:
+            finished = torch.ones(self.environments, dtype=torch.bool, device=self.device)
+        self._prefer(finished)
+
+    def score(self, metrics: EpisodeMetrics) -> float:
+        """Return the weighted return r of an episode as 1/2 + r / (2 (1 + |r|)): rising, within [0, 1]."""
+        return 0.5 + 0.5 * metrics.mean_return / (1.0 + abs(metrics.mean_return))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the scenario's state, the preferences and their generator."""
+        return {
+            "scenario": self.scenario.state_dict(),
+            "preference": self.preference.clone(),
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what ``state_dict`` returned."""
+        self.scenario.load_state_dict(state["scenario"])
+        self.preference.copy_(state["preference"])
+        self._generator.set_state(state["generator"])
+
+    def _prefer(self, rows: Tensor) -> None:
+        shape = (int(rows.sum()), self.preference.shape[1])
+        if self._training:
+            # Normalised exponential draws are uniform on the simplex.
+            draws = -torch.rand(shape, generator=self._generator, device=self.device).clamp_min(1e-9).log()
+            self.preference[rows] = draws / draws.sum(1, keepdim=True)
+        else:
+            self.preference[rows] = 1.0 / shape[1]

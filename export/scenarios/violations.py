@@ -1,0 +1,56 @@
+"""How much robots violate execution objectives right now, by the costs that guide them at run time."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from edge_runtime.dynamics import Dynamics, Preview
+from edge_runtime.objectives import Objective
+from edge_runtime.scene import Floats, TeamBatch, look_ahead_batch
+
+
+def violations(
+    objectives: tuple[Objective, ...], dynamics: Dynamics, position: Tensor, velocity: Tensor
+) -> Tensor:
+    """Bounded violations c / (1 + c), c = sqrt(2 J), of B teams of N robots.
+
+    The runtime's cost J_m is half the squared action that would cure a violation, so c is that action, in
+    newtons; the quotient never exceeds one and still tells a gross violation from a worse one.
+
+    Args:
+        objectives: M of them; each costs the motion as it is, however far it looks ahead.
+        dynamics: what an action does to the motion.
+        position: (B, N, 2) in metres.
+        velocity: (B, N, 2) in m/s.
+
+    Returns:
+        (B, N, M) in [0, 1).
+    """
+    team = _views(position.double().cpu().numpy(), velocity.double().cpu().numpy())
+    costs = []
+    for objective in objectives:
+        outlook = look_ahead_batch(team, _standing(dynamics.preview(objective.look_ahead)))
+        costs.append(objective.evaluate_batch(team.position_m, team.velocity_m_s, outlook).cost)
+    cure = np.sqrt(2.0 * np.stack(costs, -1)).reshape(*position.shape[:2], -1)
+    return torch.from_numpy(cure / (1.0 + cure)).to(position.device, position.dtype)
+
+
+def _standing(ahead: Preview) -> Preview:
+    """A preview that leaves everybody where they are, with the gains that scale the costs."""
+    return Preview(1.0, ahead.velocity_gain, 0.0, ahead.position_gain)
+
+
+def _views(position: Floats, velocity: Floats) -> TeamBatch:
+    """All B N robots' views of their whole teams, (B, N, 2) each."""
+    teams, robots, _ = position.shape
+    mates = np.array([[mate for mate in range(robots) if mate != own] for own in range(robots)])
+    shape = (teams * robots, robots - 1, 2)
+    return TeamBatch(
+        robot_id=np.tile(np.arange(robots), teams),
+        position_m=position.reshape(-1, 2),
+        velocity_m_s=velocity.reshape(-1, 2),
+        mate_id=np.tile(mates, (teams, 1)),
+        mate_position_m=position[:, mates].reshape(shape),
+        mate_velocity_m_s=velocity[:, mates].reshape(shape),
+        mate_action=np.zeros(shape),
+    )
