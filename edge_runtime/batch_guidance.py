@@ -36,17 +36,17 @@ def guided_actions(
         guidance = np.zeros_like(action)
         if outlooks:
             estimate = action + left * velocity
-            gradients = _action_slopes(guide, outlooks, estimate)
+            gradients = action_slopes(guide, outlooks, estimate)
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
             guidance = guide.combine_batch(gradients, factors, velocity)
         action += (velocity + guidance) / total
     if guide.corrects:
-        descent = -_action_slopes(guide, outlooks, action)
+        descent = -action_slopes(guide, outlooks, action)
         action += cone_batch(descent, np.ones(len(descent)), np.zeros_like(action))
     return action
 
 
-def _action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
+def action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
     """dJ_m/da (M, B, d) of B actions, through the dynamics previews."""
     gradients = np.zeros((len(outlooks), *action.shape))
     planar = action[:, :2]
