@@ -15,9 +15,11 @@ OBSERVATION_UNITS: Final = {
     "proximity": "m",
     "ranges": "m",
     "nearby_samples": "1",
+    "preference": "1",
 }
 """Every observation field that a policy may have, with its unit."""
-NEARBY_SAMPLES: Final = 8
+SIZES: Final = {"nearby_samples": 8, "preference": 3}
+"""Components of the fields that are neither a vector of the plane nor one number per ray."""
 ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
 """The action that the dynamics integrate: one force per axis, in this order."""
 GRAPH_FILE: Final = "policy.onnx"
@@ -28,10 +30,10 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 def observation_size(name: str, body: Body) -> int:
-    """Components of the known observation field ``name``: one per ray or sample, else x and y."""
+    """Components of the known observation field ``name``: one per ray, else as in ``SIZES``, or x and y."""
     if name in ("proximity", "ranges"):
         return body.lidar_rays
-    return NEARBY_SAMPLES if name == "nearby_samples" else 2
+    return SIZES.get(name, 2)
 
 
 def bundle_files(runtime: str) -> tuple[str, ...]:
