@@ -1,8 +1,9 @@
 """What a person sees of a run: one live line, and the summary."""
 
+import contextlib
 import os
 import sys
-import time
+import threading
 from pathlib import Path
 from typing import TextIO
 
@@ -22,25 +23,38 @@ def output() -> TextIO:
 class LiveLine:
     """A line of status, rewritten in place on a terminal, a new one each second elsewhere.
 
-    A reader that goes away ends the text, never the run.
+    A context manager whose own thread writes: a terminal that takes no text (Ctrl-S) holds up that thread,
+    never the run; a reader that goes away ends the text, never the run.
     """
 
     def __init__(self, stream: TextIO, robot_id: int, monitor: Monitor, grid: DeadlineGrid) -> None:
         self._stream, self._robot_id, self._monitor, self._grid = stream, robot_id, monitor, grid
         self._terminal = stream.isatty()
-        self._interval_s = TERMINAL_INTERVAL_S if self._terminal else PLAIN_INTERVAL_S
-        self._due_s = time.monotonic()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="live line", daemon=True)
 
-    def refresh(self) -> None:
-        """Show the newest status, if it is time to."""
-        now = time.monotonic()
-        if now >= self._due_s:
-            self._due_s = max(self._due_s + self._interval_s, now)
-            self._write(f"\r{self._status()}\x1b[K" if self._terminal else f"{self._status()}\n")
+    def __enter__(self) -> "LiveLine":
+        """Begin to show."""
+        self._thread.start()
+        return self
 
-    def finish(self, text: str) -> None:
-        """Leave the live line as it is and write a text below."""
-        self._write(f"\n{text}\n" if self._terminal else f"{text}\n")
+    def __exit__(self, *_: object) -> None:
+        """End the text; a thread that a terminal holds up is left behind."""
+        self._over.set()
+        self._thread.join(TERMINAL_INTERVAL_S)
+
+    def _show(self) -> None:
+        interval_s = TERMINAL_INTERVAL_S if self._terminal else PLAIN_INTERVAL_S
+        form = "\r{}\x1b[K" if self._terminal else "{}\n"
+        # The stream's own lock, held in a write that never ends, would hold up the end of the process too.
+        with contextlib.suppress(OSError):
+            descriptor = self._stream.fileno()
+            pause_s = TERMINAL_INTERVAL_S
+            while not self._over.wait(pause_s):
+                os.write(descriptor, form.format(self._status()).encode())
+                pause_s = interval_s
+            if self._terminal:
+                os.write(descriptor, b"\n")
 
     def _status(self) -> str:
         monitor = self._monitor
@@ -53,13 +67,16 @@ class LiveLine:
             f"{reached} of {len(monitor.robots)} there, {self._grid.misses} missed"
         )
 
-    def _write(self, text: str) -> None:
-        try:
-            self._stream.write(text)
-            self._stream.flush()
-        except OSError:
-            # What is still buffered must not fail again when the interpreter exits.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+
+def show(text: str) -> None:
+    """Print a text for whoever still reads; a reader that is gone loses it, nothing else."""
+    stream = output()
+    try:
+        stream.write(f"{text}\n")
+        stream.flush()
+    except (OSError, KeyboardInterrupt):  # Ctrl-C: the way out where a terminal takes no text
+        # What is still buffered must not fail again when the interpreter exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def use_colour(stream: TextIO) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from edge_runtime.console import LiveLine, output, summary, use_colour
+from edge_runtime.console import LiveLine, output, show, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.flags import chosen_bridge, make_mission, make_parser
@@ -23,6 +23,7 @@ from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.signals import StopSignals
+from edge_runtime.watch.sender import Watch, open_watch
 
 if TYPE_CHECKING:
     from firmware_bridge.bridge import Bridge
@@ -48,7 +49,7 @@ class Session:
     grid: DeadlineGrid
     timing: TimingRecord
     monitor: Monitor
-    live: LiveLine
+    watch: Watch
     dry_run: bool
 
 
@@ -76,7 +77,7 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         timing.end()
         fleet.share(own, command)
         monitor.follow(team, guided, command)
-        session.live.refresh()
+        session.watch.follow(team, guided, command)
     return reason
 
 
@@ -105,11 +106,12 @@ def run(
     freeze_garbage()
     failure = ""
     try:
-        reason = drive(session, bridge, fleet, over)
-        bridge.stop(reason)
+        with contextlib.closing(session.watch), LiveLine(output(), mission.robot_id, monitor, grid):
+            reason = drive(session, bridge, fleet, over)
+            bridge.stop(reason)
     except EdgeError as error:
         reason = failure = str(error)
-    report = make_report(
+    return make_report(
         mission,
         monitor,
         grid,
@@ -121,8 +123,6 @@ def run(
         failed=bool(failure),
         fleet=fleet.report(),
     )
-    session.live.finish(summary(report, colour=use_colour(output())))
-    return report
 
 
 def _prepare(mission: Mission, max_speed_m_s: float, early_wake_s: float, *, dry_run: bool) -> Session:
@@ -131,8 +131,8 @@ def _prepare(mission: Mission, max_speed_m_s: float, early_wake_s: float, *, dry
     sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
     grid = DeadlineGrid(mission.period_s, sleep=sleep)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
-    live = LiveLine(output(), mission.robot_id, monitor, grid)
-    return Session(controller, grid, TimingRecord(STAGES), monitor, live, dry_run)
+    timing = TimingRecord(STAGES)
+    return Session(controller, grid, timing, monitor, open_watch(mission, monitor, grid, timing), dry_run)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -169,8 +169,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 early_wake_s=early_wake_s,
                 stay=flags.stay,
             )
+        # The robot stands and its links are closed: a terminal that takes no text holds up nobody.
+        try:
             if flags.json:
                 _write(flags.json, report)
+        finally:
+            show(summary(report, colour=use_colour(output())))
     except EdgeError as error:
         return _complain(error, 1)
     return _complain(report.stop_reason, 1) if report.failed else 0

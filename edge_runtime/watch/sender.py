@@ -1,0 +1,178 @@
+"""A robot's side of being watched: a few times a second it sends its status, and never reads an answer.
+
+The loop itself sends, after its command is out: a status costs it a fraction of a millisecond of the time
+that it would sleep, where a thread would take the interpreter's lock at a moment of its own choosing.
+"""
+
+import errno
+import math
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Protocol
+
+from edge_runtime.config import Steering
+from edge_runtime.fleet_settings import Endpoint, endpoint
+from edge_runtime.key_file import read_key
+from edge_runtime.messages import Command, GuidedAction, TeamState
+from edge_runtime.mission import Mission
+from edge_runtime.monitor import Monitor
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.watch.status import ObjectiveStatus, Span, Status, encode
+
+RATE_HZ: Final = 5.0
+WINDOW_S: Final = 2.0
+"""Durations are those of so much time before a status."""
+LONGEST_TEXT: Final = 200
+UNITS: Final = {"_m_s": "m/s", "_m": "m", "_rad": "rad", "_s": "s"}
+
+
+class Watch(Protocol):
+    """Whom a robot tells of itself."""
+
+    def adopt(self, steering: Steering, version: int) -> None:
+        """Take note of what steers from here on."""
+        ...
+
+    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+        """Take note of one tick, after its command is out. Never blocks."""
+        ...
+
+    def close(self) -> None:
+        """Give the network back."""
+        ...
+
+
+class Unwatched:
+    """Nobody."""
+
+    def adopt(self, steering: Steering, version: int) -> None:
+        """Tell nobody."""
+
+    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+        """Tell nobody."""
+
+    def close(self) -> None:
+        """Nothing needs closing."""
+
+
+class StatusSender:
+    """Sends one robot's status to one address.
+
+    Args:
+        mission: the robot's.
+        monitor: of its run.
+        grid: of its run.
+        timing: of its run.
+        address: the watcher's.
+        key: the team's.
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        monitor: Monitor,
+        grid: DeadlineGrid,
+        timing: TimingRecord,
+        address: Endpoint,
+        key: bytes,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.failures: Counter[str] = Counter()
+        """Statuses that could not be sent, by the system's name of the cause."""
+        self._mission, self._monitor, self._grid, self._timing = mission, monitor, grid, timing
+        self._address, self._key, self._clock = address, key, clock
+        self._window_ticks = max(1, round(WINDOW_S * mission.rate_hz))
+        self._started_s, self._sequence, self._due_s = time.time(), 0, clock()
+        self.adopt(mission.steering, 0)
+        self._socket = socket.socket(
+            socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM
+        )
+        self._socket.setblocking(False)
+
+    def adopt(self, steering: Steering, version: int) -> None:
+        """Take note of what steers from here on."""
+        wanted, scale = steering.objectives, steering.guidance.scale if self._mission.guided else 0.0
+        self._version = version
+        self._asked = [
+            (item.name, limit_text(item)) for item in wanted if scale * item.weight > 0.0
+        ]  # in the order of a sample's costs
+        self._speed_limit = min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None)
+        self._margin = max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None)
+
+    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+        """Send a status if it is time to. Never blocks, never raises what the network does."""
+        now = self._clock()
+        if now < self._due_s:
+            return
+        self._due_s = max(self._due_s + 1.0 / RATE_HZ, now)
+        self._sequence += 1
+        try:
+            self._socket.sendto(encode(self._status(team, guided, command), self._key), self._address)
+        except OSError as error:  # a watcher that is away must not matter to the robot
+            self.failures[errno.errorcode.get(error.errno or 0, str(error))] += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _status(self, team: TeamState, guided: GuidedAction, command: Command) -> Status:
+        monitor, grid, own = self._monitor, self._grid, team.own
+        *stages, tick = (Span(*pair) for pair in self._timing.recent_us(self._window_ticks))
+        steps = max(1, guided.steps)
+        results = zip(self._asked, guided.costs, guided.conflicts, strict=False)  # none in a stopped tick
+        return Status(
+            robot_id=own.robot_id,
+            started_s=self._started_s,
+            sequence=self._sequence,
+            sent_s=time.time(),
+            position_m=own.position_m,
+            velocity_m_s=own.velocity_m_s,
+            speed_limit_m_s=self._speed_limit,
+            goal_distance_m=monitor.robots[own.robot_id].goal_distance_m,
+            nearest_m=min(
+                (math.dist(own.position_m, mate.state.position_m) for mate in team.teammates),
+                default=math.inf,
+            ),
+            margin_m=self._margin,
+            rate_hz=grid.rate_hz,
+            nominal_rate_hz=self._mission.rate_hz,
+            missed=grid.misses,
+            cut_short=monitor.anytime_ticks,
+            tick=tick,
+            stages=dict(zip(self._timing.stages, stages, strict=True)),
+            objectives=tuple(
+                ObjectiveStatus(name, limit, cost, conflicts / steps)
+                for (name, limit), cost, conflicts in results
+            ),
+            objectives_version=self._version,
+            ages_s={mate.state.robot_id: mate.age_s for mate in team.teammates},
+            stop_reason=command.stop_reason[:LONGEST_TEXT],
+        )
+
+
+def open_watch(mission: Mission, monitor: Monitor, grid: DeadlineGrid, timing: TimingRecord) -> Watch:
+    """Return whom the mission's robot tells of itself: the fleet file's ``[watch]``, or nobody.
+
+    Raises:
+        ConfigError: if the team's key cannot be used.
+    """
+    fleet = mission.fleet
+    if fleet.watch is None or fleet.carrier is None:
+        return Unwatched()
+    key = read_key(fleet.path.parent / Path(fleet.carrier.key).expanduser())
+    return StatusSender(mission, monitor, grid, timing, endpoint(fleet.watch.address), key)
+
+
+def limit_text(objective: Objective) -> str:
+    """Return what an objective asks for: its first own number, with the unit that its name ends in."""
+    for field in objective.__struct_fields__:
+        value = getattr(objective, field)
+        if field not in Objective.__struct_fields__ and isinstance(value, int | float):
+            unit = next((unit for end, unit in UNITS.items() if field.endswith(end)), "")
+            return f"{value:g} {unit}".strip()
+    return ""

@@ -1,0 +1,116 @@
+"""What the watcher has heard: each robot's newest status, and when it came."""
+
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import Endpoint
+from edge_runtime.watch.status import LONGEST, Status, StatusError, decode
+
+SILENT_S: Final = 1.0
+"""A robot is silent when its newest status is older: five in a row were lost, or it is gone."""
+
+
+class Heard(msgspec.Struct, frozen=True):
+    """A robot's newest status, and when it arrived."""
+
+    status: Status
+    arrival_s: float
+    """Monotonic, by the watcher's clock."""
+    clock_ahead_s: float
+    """The robot's wall clock minus the watcher's, on arrival: a recording of last week shows here."""
+
+
+class WatchedTeam:
+    """Takes in packets and keeps what is newest.
+
+    A robot's statuses are ordered by when it started and their sequence; older ones are dropped, so that
+    nobody can put a recording over a robot that talks.
+
+    Args:
+        robot_ids: of the fleet.
+        key: the team's.
+        clock: monotonic time in seconds.
+        wall_clock: seconds since 1970.
+    """
+
+    def __init__(
+        self,
+        robot_ids: Iterable[int],
+        key: bytes,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.heard: dict[int, Heard | None] = dict.fromkeys(robot_ids)
+        """In the fleet's order; None for a robot not heard yet."""
+        self.dropped: Counter[str] = Counter()
+        """Packets that were not taken in, by cause."""
+        self._key, self._clock, self._wall_clock = key, clock, wall_clock
+
+    def take(self, packet: bytes) -> None:
+        """Take in one packet, or count why not."""
+        try:
+            status = decode(packet, self._key)
+        except StatusError as error:
+            self.dropped[str(error)] += 1
+            return
+        if status.robot_id not in self.heard:
+            self.dropped["unknown robot"] += 1
+            return
+        before = self.heard[status.robot_id]
+        if before is not None and _order(status) <= _order(before.status):
+            self.dropped["not newer"] += 1
+            return
+        ahead_s = status.sent_s - self._wall_clock()
+        self.heard[status.robot_id] = Heard(status, self._clock(), ahead_s)
+
+    def age_s(self, heard: Heard) -> float:
+        """Return how long ago a status arrived."""
+        return self._clock() - heard.arrival_s
+
+    def silent(self, robot_id: int) -> bool:
+        """Whether a robot was not heard lately, or ever."""
+        heard = self.heard[robot_id]
+        return heard is None or self.age_s(heard) > SILENT_S
+
+    @property
+    def all_heard(self) -> bool:
+        """Whether every robot talks."""
+        return not any(map(self.silent, self.heard))
+
+
+def _order(status: Status) -> tuple[float, int]:
+    return status.started_s, status.sequence
+
+
+def listen(address: Endpoint) -> socket.socket:
+    """Open the socket that the robots send to.
+
+    Raises:
+        ConfigError: if this machine does not have the address, or another process holds the port.
+    """
+    opened = socket.socket(socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    try:
+        opened.bind(address)
+    except OSError as error:
+        opened.close()
+        raise ConfigError(
+            f"cannot listen on {address[0]} port {address[1]} ({error.strerror}); "
+            "is this the machine that [watch] names, and does no other edge-watch run on it?"
+        ) from error
+    return opened
+
+
+def arrived(opened: socket.socket) -> Iterator[bytes]:
+    """Yield the packets that have arrived; never blocks."""
+    while True:
+        try:
+            yield opened.recv(LONGEST + 1)  # one more: longer packets must not look whole
+        except BlockingIOError:
+            return
