@@ -12,6 +12,7 @@ from edge_runtime.weights import FlowWeights
 from export.bundle_writer import write_bundle
 from export.checkpoint import PolicyFacts, load_policy
 from export.facts import FACTS_TEMPLATE, Facts, read_facts
+from export.networks import FlowNetwork
 from export.onnx.affine import NotAnMlpError
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.graph import velocity_graph
@@ -19,7 +20,7 @@ from export.onnx.jacobian import with_jacobian
 from export.onnx.mlp import read_flow_weights
 from export.onnx.reference import GraphReference
 from export.parity import SAMPLES, evaluate_torch, random_inputs
-from export.scenarios import SCENARIOS
+from export.scenarios import scenario_facts
 
 EXAMPLES = """\
 examples:
@@ -40,11 +41,13 @@ def export_run(run_dir: Path, target: Path, *, force: bool = False) -> float:
         The largest difference between the forms of the policy.
 
     Raises:
-        ConfigError: if the run holds no policy or ``target`` exists.
+        ConfigError: if the run holds no policy, or one of other shapes than its scenario's, or ``target``
+            exists.
         BundleError: if the forms differ.
     """
     network, origin = load_policy(run_dir)
     facts, weights = _scenario_facts(origin), network.to_weights()
+    _check_shape(run_dir, network, facts)
     graph = with_jacobian(velocity_graph(weights))
     inputs = random_inputs(facts)
     expected = evaluate_torch(network, inputs)
@@ -106,9 +109,7 @@ def _run(arguments: argparse.Namespace) -> str:
 
 
 def _scenario_facts(origin: PolicyFacts) -> Facts:
-    if origin.scenario not in SCENARIOS:
-        raise ConfigError(f"scenario {origin.scenario!r} is unknown: one of {', '.join(sorted(SCENARIOS))}")
-    scenario = SCENARIOS[origin.scenario].facts
+    scenario = scenario_facts(origin.scenario, preferred=origin.preferred)
     return Facts(
         observation=scenario.observation,
         action=scenario.action,
@@ -126,6 +127,15 @@ def _scenario_facts(origin: PolicyFacts) -> Facts:
         ),
         start=origin.start,
     )
+
+
+def _check_shape(run_dir: Path, network: FlowNetwork, facts: Facts) -> None:
+    found, wanted = (network.observation_dim, network.action_dim), (facts.observation_dim, len(facts.action))
+    if found != wanted:
+        raise ConfigError(
+            f"{run_dir}: its policy takes {found[0]} numbers and returns {found[1]}, its scenario now has "
+            f"{wanted[0]} and {wanted[1]}: train it again"
+        )
 
 
 def _expressed(source: ModelProto) -> tuple[FlowWeights | None, str]:

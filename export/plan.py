@@ -10,9 +10,10 @@ from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
 from export.mafpo import Mafpo
 from export.mafpo_chain import MafpoChain
 from export.mappo import Mappo
-from export.scenarios import SCENARIOS
+from export.pc_mappo import PcMappo
+from export.scenarios import scenario_facts
 
-ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo)}
+ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, PcMappo)}
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,11 @@ class Request:
     frames: int | None = None
     """None for the algorithm's default, or for what a resumed run was started with."""
     resume: bool = False
+
+    @property
+    def preferred(self) -> bool:
+        """Whether the algorithm learns the execution objectives, with preferences that robots observe."""
+        return self.algorithm == PcMappo.name
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ def make_plan(request: Request, workers: int, settings: TrainingSettings | None 
 
 def make_algorithm(request: Request) -> Algorithm:
     """Build the algorithm for the scenario's shapes, with random initial weights."""
-    facts = SCENARIOS[request.scenario].facts
+    facts = scenario_facts(request.scenario, preferred=request.preferred)
     return ALGORITHMS[request.algorithm](facts.observation_dim, facts.action_dim)
 
 

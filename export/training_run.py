@@ -33,14 +33,18 @@ class TrainingRun:
         self._request, self._workers, self._identity = request, workers, plan.identity
         seeds = np.random.SeedSequence([request.seed, workers.rank]).generate_state(2).tolist()
         share = plan.settings.environments // workers.count
-        scenario = make_scenario(request.scenario, share, seeds[0], workers.device, training=True)
+        scenario = make_scenario(
+            request.scenario, share, seeds[0], workers.device, training=True, preferred=request.preferred
+        )
         self.facts = scenario.facts
         generator = torch.Generator(workers.device).manual_seed(seeds[1])
         with torch.random.fork_rng():
             torch.manual_seed(request.seed)  # initial weights are equal in all workers
             algorithm = make_algorithm(request)
             self.trainer = Trainer(scenario, algorithm, plan.settings, generator, workers)
-        self._validation = Validation(request.scenario, plan.settings.validation_episodes, workers)
+        self._validation = Validation(
+            request.scenario, plan.settings.validation_episodes, workers, preferred=request.preferred
+        )
         self.rows: list[MetricsRow] = []
         self.best_score = float("-inf")
         if plan.saved:
@@ -112,6 +116,7 @@ class TrainingRun:
             score=self.best_score,
             euler_steps=self.trainer.algorithm.euler_steps,
             start=self.trainer.algorithm.actor.start,
+            preferred=self._request.preferred,
         )
 
     def _checkpoint(self) -> None:

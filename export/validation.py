@@ -15,11 +15,16 @@ VALIDATION_SEED = 20_000
 class Validation:
     """The same episodes every time; half of them start the flow from noise, half from zero."""
 
-    def __init__(self, scenario: str, episodes: int, workers: Workers) -> None:
+    def __init__(self, scenario: str, episodes: int, workers: Workers, *, preferred: bool) -> None:
         self._seed = VALIDATION_SEED + workers.rank
         self._workers = workers
         self._scenario = make_scenario(
-            scenario, episodes // workers.count, self._seed, workers.device, training=False
+            scenario,
+            episodes // workers.count,
+            self._seed,
+            workers.device,
+            training=False,
+            preferred=preferred,
         )
         self._beginning = self._scenario.state_dict()
         self._zero_start = torch.arange(self._scenario.environments, device=workers.device) % 2 == 0

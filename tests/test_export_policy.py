@@ -66,6 +66,12 @@ def test_training_run(edge_export, training_run, tmp_path):
     np.testing.assert_allclose(np.moveaxis(computed[1:], 0, 2), jacobian, rtol=1e-5, atol=1e-5)
 
 
+def test_run_of_another_shape(edge_export, tmp_path):
+    save_policy(tmp_path, FlowNetwork(24, 2), PolicyFacts("navigation", "mafpo", 3, 1000, "abc", 0.9, 8))
+    error = refused(edge_export, tmp_path, "--out", tmp_path / "b")
+    assert "takes 24 numbers and returns 2, its scenario now has 18 and 2: train it again" in error
+
+
 @pytest.mark.parametrize(
     ("build", "runtime"), [(Mlp, "numpy"), (Normed, "onnxruntime"), (lambda: Normed(nn.ReLU), "onnxruntime")]
 )

@@ -3,22 +3,57 @@
 import torch
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.objectives import Objective
 from export.scenarios.balance import Balance
+from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
 from export.scenarios.navigation import Navigation
+from export.scenarios.preferred import Preferred, with_preference
 from export.scenarios.sampling import Sampling
-from export.scenarios.scenario import Scenario
+from export.scenarios.scenario import Scenario, ScenarioFacts
 
 SCENARIOS = {"balance": Balance, "navigation": Navigation, "sampling": Sampling}
 
 
 def make_scenario(
-    name: str, environments: int, seed: int, device: torch.device, *, training: bool
+    name: str,
+    environments: int,
+    seed: int,
+    device: torch.device,
+    *,
+    training: bool,
+    preferred: bool = False,
 ) -> Scenario:
-    """Build a batch of B = ``environments`` teams; ``training`` widens the start distribution.
+    """Build a batch of B = ``environments`` teams.
+
+    Args:
+        name: a key of ``SCENARIOS``.
+        environments: B.
+        seed: of everything that is drawn.
+        device: of all tensors.
+        training: widen the start distribution.
+        preferred: let robots know their execution objectives and how much each counts.
 
     Raises:
-        ConfigError: if no scenario has this name.
+        ConfigError: if no scenario, or none with execution objectives, has this name.
     """
+    scenario_facts(name, preferred=preferred)
+    scenario = SCENARIOS[name](environments, seed, device, training=training)
+    if not preferred:
+        return scenario
+    # Another seed, or preferences would repeat the numbers that starts were drawn from.
+    return Preferred(scenario, _execution_objectives(name), NOMINAL_STEP[name], seed + 1, training=training)
+
+
+def scenario_facts(name: str, *, preferred: bool = False) -> ScenarioFacts:
+    """Return what ``make_scenario`` would build; raises as that does."""
     if name not in SCENARIOS:
         raise ConfigError(f"unknown scenario '{name}': choose one of {', '.join(sorted(SCENARIOS))}")
-    return SCENARIOS[name](environments, seed, device, training=training)
+    facts = SCENARIOS[name].facts
+    return with_preference(facts, len(_execution_objectives(name))) if preferred else facts
+
+
+def _execution_objectives(name: str) -> tuple[Objective, ...]:
+    if name not in EXECUTION_OBJECTIVES:
+        known = ", ".join(sorted(EXECUTION_OBJECTIVES))
+        raise ConfigError(f"no execution objectives are known for scenario '{name}': choose one of {known}")
+    return EXECUTION_OBJECTIVES[name]
