@@ -5,9 +5,21 @@ To add one, subclass `Objective` and write ``evaluate``; ``evaluate_batch`` is o
 
 from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope, SlopeBatch
 from edge_runtime.objectives.safety_margin import SafetyMargin
+from edge_runtime.objectives.spacing import Spacing
+from edge_runtime.objectives.spatial_order import SpatialOrder
 from edge_runtime.objectives.speed_limit import SpeedLimit
 
-BUILT_IN = (SpeedLimit, SafetyMargin)
+BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing)
 """The objectives that configuration files can name by their ``type``."""
 
-__all__ = ["BUILT_IN", "LONGEST_LOOK_AHEAD", "Objective", "SafetyMargin", "Slope", "SlopeBatch", "SpeedLimit"]
+__all__ = [
+    "BUILT_IN",
+    "LONGEST_LOOK_AHEAD",
+    "Objective",
+    "SafetyMargin",
+    "Slope",
+    "SlopeBatch",
+    "Spacing",
+    "SpatialOrder",
+    "SpeedLimit",
+]

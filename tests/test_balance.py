@@ -1,0 +1,215 @@
+"""The training scenario against VMAS itself."""
+
+import pytest
+import torch
+import vmas
+
+from export.scenarios import make_scenario
+from export.scenarios.balance import FACTS, GRAVITY_M_S2, ON_GOAL_M, START_DISTANCE_M
+from export.scenarios.balance_starts import LINE_LENGTH_M, RADIUS_M, draw_starts
+from export.scenarios.scenario import EpisodeMetrics
+
+CPU = torch.device("cpu")
+ROBOTS = FACTS.robots
+
+
+def balance(environments=64, seed=0, training=False):
+    return make_scenario("balance", environments, seed, CPU, training=training)
+
+
+def state_of(scenario):
+    state = scenario.state_dict()
+    del state["generator"]
+    return state
+
+
+def vmas_in(state):
+    """VMAS' own environment, put into a scenario's state."""
+    environments = len(state["line"])
+    env = vmas.make_env(
+        "balance",
+        num_envs=environments,
+        continuous_actions=True,
+        clamp_actions=True,
+        n_agents=ROBOTS,
+    )
+    package, line = env.scenario.package, env.scenario.line
+    for i, agent in enumerate(env.agents):
+        agent.state.pos, agent.state.vel = state["position"][:, i], state["velocity"][:, i]
+    package.state.pos, package.state.vel = state["package"], state["package_velocity"]
+    package.goal.state.pos = state["goal"]
+    line.state.pos, line.state.vel = state["line"], state["line_velocity"]
+    line.state.rot, line.state.ang_vel = state["line_angle"], state["line_angular_velocity"]
+    env.scenario.global_shaping = 100 * (package.state.pos - state["goal"]).norm(dim=-1)
+    return env
+
+
+def test_observation_is_that_of_vmas_with_a_continuous_inclination():
+    scenario = balance(training=True)
+    scenario.step(torch.rand(64, ROBOTS, 2) * 2 - 1)
+    env = vmas_in(state_of(scenario))
+    theirs = torch.stack([env.scenario.observation(agent) for agent in env.agents], 1)
+    ours = scenario.observe()
+    assert ours.shape == (64, ROBOTS, FACTS.observation_dim)
+    assert torch.equal(ours[..., :-1], theirs[..., :-1])
+    torch.testing.assert_close(ours[..., -1], (2 * theirs[..., -1]).sin(), atol=1e-5, rtol=0)
+
+
+def test_steps_and_rewards_are_those_of_vmas():
+    scenario = balance(training=True)
+    env = vmas_in(state_of(scenario))
+    for _ in range(10):
+        action = torch.randn(64, ROBOTS, 2)
+        transition = scenario.step(action)
+        _, reward, done, _ = env.step(list(action.unbind(1)))
+        assert torch.equal(transition.reward, torch.stack(reward, 1))
+        assert torch.equal(transition.succeeded | transition.failed, done)
+
+
+def test_motion_is_what_the_policy_observes_of_itself():
+    scenario = balance(training=True)
+    position, velocity = scenario.motion()
+    assert torch.equal(torch.cat([position, velocity], -1), scenario.observe()[..., :4])
+
+
+def test_dynamics_of_the_manifest_predict_vmas():
+    scenario = balance(1)
+    state = scenario.state_dict()
+    state["position"] = torch.tensor([[[-0.8, 0.5], [-0.4, 0.3], [0.0, 0.5], [0.4, 0.3], [0.8, 0.5]]])
+    state["velocity"] = torch.rand(1, ROBOTS, 2) * 0.4 - 0.2
+    scenario.load_state_dict(state)
+    action = torch.rand(1, ROBOTS, 2) * 2 - 1
+    for _ in range(4):
+        scenario.step(action)
+    preview = FACTS.dynamics.preview(4)
+    # Gravity, which the manifest leaves out, acts as one more force on each robot.
+    force = action - FACTS.dynamics.mass_kg * torch.tensor([0.0, GRAVITY_M_S2])
+    velocity = preview.velocity_decay * state["velocity"] + preview.velocity_gain * force
+    position = state["position"] + preview.position_decay * state["velocity"] + preview.position_gain * force
+    for predicted, reached in zip((position, velocity), scenario.motion(), strict=True):
+        torch.testing.assert_close(reached, predicted, atol=1e-6, rtol=1e-6)
+
+
+def test_starts_are_distributed_as_vmas_own():
+    own = state_of(balance(4000))
+    env = vmas.make_env("balance", num_envs=4000, continuous_actions=True, seed=1, n_agents=ROBOTS)
+    package, line = env.scenario.package.state.pos, env.scenario.line.state.pos
+    theirs = {
+        "position": torch.stack([agent.state.pos for agent in env.agents], 1),
+        "package": package,
+        "goal": env.scenario.package.goal.state.pos,
+        "line": line,
+    }
+    for name, value in theirs.items():
+        ours, theirs_line = own[name].view(4000, -1, 2), line[:, None]
+        value = value.view(4000, -1, 2)
+        assert_alike(ours, value)
+        assert_alike(ours - own["line"][:, None], value - theirs_line)
+    for name in own.keys() - theirs.keys():
+        assert not own[name].any()
+
+
+def assert_alike(a, b):
+    torch.testing.assert_close(a.mean(0), b.mean(0), atol=0.04, rtol=0)
+    torch.testing.assert_close(a.std(0), b.std(0), atol=0.02, rtol=0)
+    shares = torch.tensor([0.01, 0.25, 0.5, 0.75, 0.99])
+    torch.testing.assert_close(a.quantile(shares, 0), b.quantile(shares, 0), atol=0.1, rtol=0)
+
+
+def test_half_of_the_training_starts_fly_and_no_others():
+    flying = [state_of(balance(2000, training=t))["line_angle"][:, 0] != 0 for t in (True, False)]
+    assert 0.46 < flying[0].float().mean() < 0.54
+    assert not flying[1].any()
+
+
+def test_robots_in_flight_are_apart_and_below_the_line():
+    state = draw_starts(2000, 1.0, torch.Generator().manual_seed(3))
+    offset = state["position"] - state["line"][:, None]
+    angle = state["line_angle"]
+    along = offset[..., 0] * angle.cos() + offset[..., 1] * angle.sin()
+    below = offset[..., 0] * angle.sin() - offset[..., 1] * angle.cos()
+    assert along.abs().max() <= LINE_LENGTH_M / 2 + 1e-6
+    assert below.min() >= RADIUS_M
+    assert below.max() > 4 * RADIUS_M
+    assert along.diff(dim=1).min() >= 2 * RADIUS_M - 1e-6
+    assert state["position"][..., 1].min() >= -1
+
+
+def test_flights_go_on_without_falling_at_once():
+    scenario = balance(500, training=True)
+    failed = [scenario.step(torch.zeros(500, ROBOTS, 2)).failed for _ in range(10)]
+    assert not torch.stack(failed).any()
+
+
+def test_masked_reset_leaves_the_other_episodes_alone():
+    scenario = balance(training=True)
+    scenario.step(torch.rand(64, ROBOTS, 2))
+    before, finished = state_of(scenario), torch.arange(64) % 3 == 0
+    scenario.reset(finished)
+    after = state_of(scenario)
+    for name in before:
+        assert torch.equal(before[name][~finished], after[name][~finished])
+    assert (before["goal"][finished] != after["goal"][finished]).all()
+
+
+def test_reset_does_not_reward_the_way_to_the_new_start():
+    scenario = balance()
+    scenario.reset(torch.ones(64, dtype=torch.bool))
+    assert scenario.step(torch.zeros(64, ROBOTS, 2)).reward.abs().max() < 0.3
+
+
+def moved_to_goal(scenario, distance):
+    state = scenario.state_dict()
+    state["goal"] = state["package"] + torch.tensor([0.0, distance])
+    scenario.load_state_dict(state)
+
+
+@pytest.mark.parametrize(("distance", "arrived"), [(ON_GOAL_M - 0.01, True), (ON_GOAL_M + 0.01, False)])
+def test_a_package_on_its_goal_succeeds_and_may_stay(distance, arrived):
+    scenario = balance()
+    moved_to_goal(scenario, distance)
+    transition = scenario.step(torch.zeros(64, ROBOTS, 2))
+    torch.testing.assert_close(scenario.nominal(), torch.full((64,), distance), atol=2e-3, rtol=0)
+    assert (transition.succeeded == arrived).all()
+    assert not transition.terminated.any()
+
+
+def test_a_line_without_support_falls_and_ends_the_episode():
+    scenario = balance()
+    state = scenario.state_dict()
+    state["position"] = state["position"] + torch.tensor([0.0, 1.5])
+    state["line_angle"] = state["line_angle"] + 0.1  # VMAS holds a level line just above its floor
+    scenario.load_state_dict(state)
+    transitions = [scenario.step(torch.zeros(64, ROBOTS, 2)) for _ in range(100)]
+    failed = torch.stack([transition.failed for transition in transitions])
+    assert failed.any(0).all()
+    assert torch.equal(failed, torch.stack([transition.terminated for transition in transitions]))
+
+
+def test_score_is_worth_progress_before_the_first_success():
+    def score(success, mean_return):
+        return balance(1).score(EpisodeMetrics(100, mean_return, success, 0.0, 300.0))
+
+    assert score(0.0, -50.0) == 0.0 < score(0.0, 50.0) < score(0.0, 100.0) < 0.1
+    assert score(0.5, 100.0) > score(0.4, 140.0)
+    assert score(1.0, 1000.0) == 1.0
+    starts = balance(4000).nominal().mean().item()
+    assert starts == pytest.approx(START_DISTANCE_M, abs=0.02)
+
+
+def test_a_saved_scenario_goes_on_the_same_way():
+    scenario = balance(training=True)
+    saved = scenario.state_dict()
+    action, finished = torch.rand(64, ROBOTS, 2), torch.arange(64) < 20
+
+    def continue_():
+        reward = scenario.step(action).reward
+        scenario.reset(finished)
+        return reward, scenario.observe(), scenario.step(action).reward, scenario.observe()
+
+    first = continue_()
+    for resumed in (scenario, balance(seed=7, training=True)):
+        resumed.load_state_dict(saved)
+        scenario = resumed
+        for a, b in zip(first, continue_(), strict=True):
+            assert torch.equal(a, b)
