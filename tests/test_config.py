@@ -204,7 +204,7 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
         ("[guidance]\nscale = -1", "guidance: `scale` must be finite and not negative, got -1.0"),
         (
             "[[objectives]]\nlimit_m_s = 1",
-            "objectives[0].type: missing; allowed: speed_limit, safety_margin, or ",
+            "objectives[0].type: missing; allowed: speed_limit, safety_margin, ",
         ),
         ("[[objectives]]\ntype = 3", "objectives[0].type: must be a string, got 3; allowed: speed_limit, "),
         (

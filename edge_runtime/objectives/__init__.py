@@ -3,18 +3,22 @@
 To add one, subclass `Objective` and write ``evaluate``; ``evaluate_batch`` is only for speed.
 """
 
+from edge_runtime.objectives.clustering import Clustering
+from edge_runtime.objectives.geofence import Geofence
 from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope, SlopeBatch
 from edge_runtime.objectives.safety_margin import SafetyMargin
 from edge_runtime.objectives.spacing import Spacing
 from edge_runtime.objectives.spatial_order import SpatialOrder
 from edge_runtime.objectives.speed_limit import SpeedLimit
 
-BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing)
+BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering)
 """The objectives that configuration files can name by their ``type``."""
 
 __all__ = [
     "BUILT_IN",
     "LONGEST_LOOK_AHEAD",
+    "Clustering",
+    "Geofence",
     "Objective",
     "SafetyMargin",
     "Slope",

@@ -1,0 +1,75 @@
+"""Keep the team's cluster at a radius: the mean distance of its robots to their centroid."""
+
+import math
+
+import numpy as np
+
+from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
+
+COINCIDENT_M = 1e-9
+"""Closer to the centroid than this, rounding alone would decide a robot's direction from it."""
+
+
+class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
+    """Keep the cluster radius R of the n robots in sight, oneself included, at a target.
+
+    J = n/2 ((R - target) / position gain)^2, half the squared joint action in which each of the n robots
+    takes its share of the cure. The centroid moves by 1/n of the own motion, so that the slope lies along
+    the own direction from the centroid less the mean of all directions. Alone there is nothing to keep.
+    """
+
+    look_ahead: int = 4
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.radius_m <= 0.0:
+            raise ValueError(f"`radius_m` must be positive, got {self.radius_m}")
+
+    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+        """Cost and slope at one robot's predicted motion."""
+        mates, gain = outlook.neighbours, outlook.preview.position_gain
+        if not mates:
+            return Slope(0.0)
+        count = len(mates) + 1
+        middle_x = (motion.x + sum(mate.x for mate in mates)) / count
+        middle_y = (motion.y + sum(mate.y for mate in mates)) / count
+        members = [(outlook.robot_id, motion.x, motion.y)]
+        members += [(mate.robot_id, mate.x, mate.y) for mate in mates]
+        total = sum_x = sum_y = own_x = own_y = 0.0
+        for index, (robot_id, x, y) in enumerate(members):
+            dx, dy = x - middle_x, y - middle_y
+            distance = math.sqrt(dx * dx + dy * dy)
+            total += distance
+            if distance < COINCIDENT_M:  # no direction leads out: the robots' order decides
+                angle = 2.0 * math.pi * sum(other < robot_id for other, _, _ in members) / count
+                dx, dy, distance = math.cos(angle), math.sin(angle), 1.0
+            dx, dy = dx / distance, dy / distance
+            sum_x, sum_y = sum_x + dx, sum_y + dy
+            if index == 0:
+                own_x, own_y = dx, dy
+        share = (total / count - self.radius_m) / gain
+        push = share / gain
+        return Slope(
+            0.5 * count * share * share, push * (own_x - sum_x / count), push * (own_y - sum_y / count)
+        )
+
+    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
+        """Costs and slopes at B predicted motions."""
+        gain, count = outlook.preview.position_gain, outlook.mate_id.shape[1] + 1
+        if count == 1:
+            return SlopeBatch(
+                np.zeros(len(position_m)), np.zeros_like(position_m), np.zeros_like(velocity_m_s)
+            )
+        team = np.concatenate([position_m[:, None], outlook.mate_position_m], 1)
+        offset = team - team.sum(1, keepdims=True) / count
+        distance = np.sqrt(np.square(offset).sum(-1))
+        ids = np.concatenate([outlook.robot_id[:, None], outlook.mate_id], 1)
+        angle = 2.0 * math.pi * (ids[:, None] < ids[:, :, None]).sum(-1) / count
+        amid = distance < COINCIDENT_M
+        outward = np.where(amid[..., None], np.stack([np.cos(angle), np.sin(angle)], -1), offset)
+        outward /= np.where(amid, 1.0, distance)[..., None]
+        share = (distance.mean(-1) - self.radius_m) / gain
+        slope = (share / gain)[:, None] * (outward[:, 0] - outward.mean(1))
+        return SlopeBatch(0.5 * count * share * share, slope, np.zeros_like(velocity_m_s))
