@@ -1,9 +1,10 @@
 """What each task's robots are asked at execution time: Table I's objectives, the same for every method."""
 
-from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.objectives import Clustering, Geofence, Objective, SafetyMargin, SpeedLimit
 
 EXECUTION_OBJECTIVES: dict[str, tuple[Objective, ...]] = {
     "navigation": (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)),
+    "sampling": (Geofence(centre_m=(0.0, 0.0), radius_m=0.3), Clustering(radius_m=0.3)),
 }
 """By scenario: the individual's objective, then the team's."""
 
