@@ -12,7 +12,7 @@ from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, c
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.toml_file import Table, read_toml, refuse, to_record
+from edge_runtime.toml_file import Table, parse_toml, read_toml, refuse, to_record
 
 DEFAULT_FLEET: Final = Path(__file__).parent / "fleets" / "navigation.toml"
 
@@ -110,7 +110,20 @@ def load_steering(path: Path) -> Steering:
     Raises:
         ConfigError: names the file, the key and what is allowed.
     """
-    tables = to_record(read_toml(path), _SteeringTables, path)
+    return _steering(read_toml(path), path)
+
+
+def parse_steering(content: bytes, path: Path) -> Steering:
+    """Read the content of an objectives file; ``path`` is its name, beside which own objectives lie.
+
+    Raises:
+        ConfigError: as `load_steering`.
+    """
+    return _steering(parse_toml(content, path), path)
+
+
+def _steering(table: Table, path: Path) -> Steering:
+    tables = to_record(table, _SteeringTables, path)
     return Steering(_objectives(tables.objectives, path), tables.guidance)
 
 

@@ -6,10 +6,10 @@ import random
 import numpy as np
 
 from edge_runtime.guidance import GuidedAction, guided_action
-from edge_runtime.guide import Guide
 from edge_runtime.limits import Limits, first_command, limited
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.observation import Observer
+from edge_runtime.plan import Plan
 from edge_runtime.policy import VelocityField
 from edge_runtime.weights import Array
 
@@ -21,10 +21,9 @@ class Controller:
         robot_id: whose commands these are.
         observer: composes its observations.
         policy: a velocity field of batch 1; controllers that take turns may share one.
-        guide: the objectives.
+        plan: the objectives.
         limits: what it may be commanded.
-        start_noise: deviation of the flow's start.
-        seed: of that noise.
+        seed: of the flow's start noise.
     """
 
     def __init__(
@@ -32,18 +31,18 @@ class Controller:
         robot_id: int,
         observer: Observer,
         policy: VelocityField,
-        guide: Guide,
+        plan: Plan,
         limits: Limits,
-        start_noise: float = 0.0,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id
         self.policy = policy
-        self.guide = guide
+        self.plan = plan
+        """What it follows; between ticks it may be exchanged."""
         self.command = first_command(robot_id)
         """The newest command."""
         self._observer, self._limits = observer, limits
-        self._start_noise, self._random = start_noise, random.Random(seed)
+        self._random = random.Random(seed)
 
     def observe(self, team: TeamState) -> Array:
         """Compose the observation (1, O); the next call reuses it."""
@@ -51,7 +50,7 @@ class Controller:
 
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
         """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
-        return guided_action(self.policy, observation, team, self.guide, self._start(), deadline_s)
+        return guided_action(self.policy, observation, team, self.plan.guide, self._start(), deadline_s)
 
     def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:
         """Turn the action into this tick's command."""
@@ -66,9 +65,10 @@ class Controller:
         """Compute a tick to throw away, which leaves no trace: it wakes the processor and its caches."""
         observation = np.zeros((1, self.policy.observation_dim), np.float32)
         own = RobotState(self.robot_id, 0.0, (0.0, 0.0), (0.0, 0.0))
-        guided_action(self.policy, observation, TeamState(own), self.guide)
+        guided_action(self.policy, observation, TeamState(own), self.plan.guide)
 
     def _start(self) -> Vector2:
-        if not self._start_noise:
+        noise = self.plan.start_noise
+        if not noise:
             return (0.0, 0.0)
-        return self._random.gauss(0.0, self._start_noise), self._random.gauss(0.0, self._start_noise)
+        return self._random.gauss(0.0, noise), self._random.gauss(0.0, noise)

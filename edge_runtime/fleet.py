@@ -7,6 +7,7 @@ from typing import Final, Protocol
 
 from edge_runtime.config import Fleet
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_peer import random_nonce
 from edge_runtime.fleet_report import FleetReport
 from edge_runtime.fleet_settings import CarrierSettings, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
@@ -14,6 +15,9 @@ from edge_runtime.fleet_udp import UdpCarrier
 from edge_runtime.key_file import read_key
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
+from edge_runtime.order_desk import OrderDesk
+from edge_runtime.orders import Orders
+from edge_runtime.plan import Plan
 from edge_runtime.toml_file import refuse
 
 STALE_PERIODS: Final = 3
@@ -46,8 +50,21 @@ class TeamLink(Protocol):
         """Leave it; the others will find this robot silent."""
         ...
 
+    @property
+    def stop_reason(self) -> str:
+        """Why an operator ended the run; empty if none did."""
+        ...
+
+    def listen(self) -> None:
+        """Take what has arrived, in a tick that has no own state."""
+        ...
+
     def team(self, own: RobotState) -> TeamState:
         """Return this tick's view: fresh teammates only, and a fault where no action may rest on it."""
+        ...
+
+    def new_plan(self) -> Plan | None:
+        """Return what the team has agreed to follow from this tick on, once; else None."""
         ...
 
     def share(self, own: RobotState, command: Command) -> None:
@@ -85,6 +102,14 @@ class LocalTeam:
     ) -> None:
         """Nothing needs closing."""
 
+    stop_reason = ""
+
+    def listen(self) -> None:
+        """Nothing arrives."""
+
+    def new_plan(self) -> None:
+        """Return nothing: no operator reaches this robot."""
+
     def team(self, own: RobotState) -> TeamState:
         """Return the team as it is."""
         return TeamState(own, self._source.teammates())
@@ -108,22 +133,26 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
         if isinstance(local, Alone) and len(fleet.robots) > 1:
             refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
         return LocalTeam(local)
-    key = _key(fleet, fleet.carrier)
+    settings = fleet.carrier
+    key = _key(fleet, "key", settings.key)
+    operator_key = _key(fleet, "operator_key", settings.operator_key) if settings.operator_key else key
     endpoints = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}
     own = endpoints.pop(mission.robot_id)
-    rules = _rules(mission, fleet.carrier, tuple(endpoints))
+    rules = _rules(mission, settings, tuple(endpoints))
     try:
         carrier = UdpCarrier(own, endpoints)
     except ConfigError as error:
         refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
-    return NetworkTeam(mission.robot_id, tuple(endpoints), rules, carrier, key, time.monotonic)
+    orders = Orders(mission.robot_id, random_nonce(), mission.plan(), mission.plan_of)
+    desk = OrderDesk(orders, operator_key, carrier)
+    return NetworkTeam(mission.robot_id, tuple(endpoints), rules, carrier, key, desk, time.monotonic)
 
 
-def _key(fleet: Fleet, settings: CarrierSettings) -> bytes:
+def _key(fleet: Fleet, name: str, file: str) -> bytes:
     try:
-        return read_key(fleet.path.parent / Path(settings.key).expanduser())
+        return read_key(fleet.path.parent / Path(file).expanduser())
     except ConfigError as error:
-        refuse(fleet.path, "carrier.key", str(error))
+        refuse(fleet.path, f"carrier.{name}", str(error))
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:
@@ -136,6 +165,7 @@ def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...])
         alone_s=settings.alone_s,
         missing_s=settings.missing_s,
         receiving_s=RECEIVING_SHARE * mission.period_s,
+        period_s=mission.period_s,
     )
 
 

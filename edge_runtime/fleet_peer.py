@@ -14,7 +14,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from edge_runtime.fleet_clock import RemoteClock
-from edge_runtime.fleet_wire import Frame, FrameError, Refusal
+from edge_runtime.fleet_wire import Following, Frame, FrameError, Refusal
 from edge_runtime.messages import RobotState, Teammate, Vector2
 
 WINDOW: Final = 64
@@ -77,11 +77,28 @@ class Peer:
         return Teammate(state, self.newest.intended_action, self.age_s(now_s))
 
     def frame(
-        self, boot_id: int, sequence: int, state: RobotState, action: Vector2, version: int, *, listens: bool
+        self,
+        boot_id: int,
+        sequence: int,
+        state: RobotState,
+        action: Vector2,
+        tick: int,
+        following: Following,
+        *,
+        listens: bool,
     ) -> Frame:
         """Return our next frame to this robot."""
         return Frame(
-            self.robot_id, boot_id, sequence, self.challenge, self.answer, state, action, version, listens
+            self.robot_id,
+            boot_id,
+            sequence,
+            self.challenge,
+            self.answer,
+            state,
+            action,
+            listens,
+            tick,
+            following,
         )
 
     def _open(self, frame: Frame) -> None:

@@ -26,6 +26,10 @@ class FleetReport(msgspec.Struct, frozen=True):
     """Ticks in which a neighbour was too old for the policy, by its id."""
     objectives_version: dict[int, int]
     """The newest that each robot said it follows."""
+    own_objectives_version: int
+    """What this robot follows: 0 is what it was started with."""
+    disagreed: dict[int, int]
+    """Ticks in which a neighbour followed other objectives, by its id."""
 
 
 class Ages:
@@ -63,10 +67,13 @@ class Traffic:
         self.accepted = 0
         self.refused: Counter[str] = Counter()
         self.masked: Counter[int] = Counter()
+        self.disagreed: Counter[int] = Counter()
         self.message_ages = Ages()
         self.used_ages = Ages()
 
-    def report(self, failures: Counter[str], objectives_version: Mapping[int, int]) -> FleetReport:
+    def report(
+        self, failures: Counter[str], objectives_version: Mapping[int, int], own_version: int
+    ) -> FleetReport:
         """Sum up."""
         return FleetReport(
             self.sent,
@@ -77,4 +84,6 @@ class Traffic:
             self.used_ages.percentiles_ms(),
             dict(self.masked),
             dict(objectives_version),
+            own_version,
+            dict(self.disagreed),
         )

@@ -42,6 +42,8 @@ class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     key: str
     """File of the team's key, relative to the fleet file."""
     type: Literal["udp"] = "udp"
+    operator_key: str | None = None
+    """File of the key of those who may order by edge-ctl; the team's key where None."""
     nearest: int | None = None
     """A robot listens to this many nearest ones of its neighbours; to all of them where None."""
     alone_s: float = 1.0

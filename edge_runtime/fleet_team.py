@@ -1,4 +1,4 @@
-"""A team of processes: frames in before each tick, frames out after it."""
+"""A team of processes: frames and orders in before each tick, frames out after it."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,11 +6,15 @@ from types import TracebackType
 
 import msgspec
 
+from edge_runtime.control_wire import ORDER_MAGIC
 from edge_runtime.fleet_peer import Peer, random_nonce
 from edge_runtime.fleet_report import FleetReport, Traffic
-from edge_runtime.fleet_udp import Carrier
-from edge_runtime.fleet_wire import Frame, FrameError, Refusal, decode, encode
+from edge_runtime.fleet_udp import Carrier, Datagram
+from edge_runtime.fleet_wire import FrameError, Refusal, decode, encode
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.order_desk import OrderDesk
+from edge_runtime.plan import Plan
+from edge_runtime.team_tick import TeamTick
 
 
 class TeamRules(msgspec.Struct, frozen=True):
@@ -28,6 +32,8 @@ class TeamRules(msgspec.Struct, frozen=True):
     """How long it drives on without any one of those that it listens to."""
     receiving_s: float
     """How long a tick takes in packets once it has had a few from everybody: what a flood may cost."""
+    period_s: float
+    """The control period."""
 
 
 class NetworkTeam:
@@ -42,6 +48,7 @@ class NetworkTeam:
         rules: to whom it listens.
         carrier: takes the packets to them; closed on leaving the context.
         key: the team's.
+        desk: takes the operator's orders.
         clock: monotonic time in seconds.
         nonce: draws the boot id and the challenges.
     """
@@ -53,18 +60,20 @@ class NetworkTeam:
         rules: TeamRules,
         carrier: Carrier,
         key: bytes,
+        desk: OrderDesk,
         clock: Callable[[], float],
         nonce: Callable[[], int] = random_nonce,
     ) -> None:
-        self.objectives_version = 0
-        """Of the objectives that this robot follows; rides in every frame."""
         self._robot_id, self._rules, self._carrier, self._key = robot_id, rules, carrier, key
+        self._desk, self._orders = desk, desk.orders
         self._clock, self._boot_id, self._sequence = clock, nonce(), 0
         self._peers = {other: Peer(other, nonce) for other in others}
         self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
         self._wanted: frozenset[int] = frozenset(rules.neighbours)
         self._fair_share = 4 * len(others)
         self._traffic = Traffic()
+        self._tick = TeamTick(rules.period_s)
+        self._plan_tick, self._new_plan, self._agreed = 0, False, False
 
     def __enter__(self) -> "NetworkTeam":
         """Nothing needs opening: the carrier is open."""
@@ -77,13 +86,37 @@ class NetworkTeam:
         traceback: TracebackType | None,
     ) -> None:
         """Close the carrier."""
+        self._desk.close()
         self._carrier.close()
+
+    @property
+    def stop_reason(self) -> str:
+        """Why an operator ended the run; empty if none did."""
+        return self._orders.stop_reason
+
+    @property
+    def tick(self) -> int:
+        """The team's newest tick."""
+        return self._tick.number
+
+    def listen(self) -> None:
+        """Take what has arrived: in a tick without an own state instead of `team`."""
+        now = self._clock()
+        self._tick.advance(now)
+        self._desk.begin(now, self._tick.number)
+        self._receive(now)
+        if self._orders.change(self._tick.number):
+            self._plan_tick, self._new_plan = self._tick.number, True
+
+    def new_plan(self) -> Plan | None:
+        """Return what the robot follows from now on, once after each change."""
+        changed, self._new_plan = self._new_plan, False
+        return self._orders.plan if changed else None
 
     def team(self, own: RobotState) -> TeamState:
         """Take what has arrived and return this tick's view of the team."""
-        now = self._clock()
-        self._receive(now)
-        rules = self._rules
+        self.listen()
+        now, rules = self._clock(), self._rules
         neighbours = [self._peers[other] for other in rules.neighbours]
         heard = [peer.teammate(now) for peer in neighbours if peer.newest is not None]
         heard.sort(key=lambda mate: math.dist(own.position_m, mate.state.position_m))
@@ -101,13 +134,16 @@ class NetworkTeam:
     def share(self, own: RobotState, command: Command) -> None:
         """Send this tick's frames."""
         self._sequence += 1
+        self._desk.stop_reason = command.stop_reason
+        following = self._orders.following()
         for robot_id in self._audience():
             frame = self._peers[robot_id].frame(
                 self._boot_id,
                 self._sequence,
                 own,
                 command.action,
-                self.objectives_version,
+                self._tick.number,
+                following,
                 listens=robot_id in self._wanted,
             )
             self._carrier.send(robot_id, encode(frame, self._key))
@@ -116,23 +152,29 @@ class NetworkTeam:
     def report(self) -> FleetReport:
         """Sum up the traffic so far."""
         heard = {robot_id: peer.newest for robot_id, peer in self._peers.items()}
-        versions = {robot_id: frame.objectives_version for robot_id, frame in heard.items() if frame}
-        return self._traffic.report(self._carrier.failures, versions)
+        versions = {robot_id: frame.following.version for robot_id, frame in heard.items() if frame}
+        return self._traffic.report(self._carrier.failures, versions, self._orders.plan.version)
 
     def _receive(self, now_s: float) -> None:
-        for taken, packet in enumerate(self._carrier.receive(), 1):
+        for taken, datagram in enumerate(self._carrier.receive(), 1):
             try:
-                self._admit(decode(packet, self._key), now_s)
+                if datagram.content.startswith(ORDER_MAGIC):
+                    self._desk.take(datagram)
+                else:
+                    self._admit(datagram, now_s)
             except FrameError as error:
                 self._traffic.refused[error.cause.value] += 1
             if taken >= self._fair_share and self._clock() > now_s + self._rules.receiving_s:
                 break
 
-    def _admit(self, frame: Frame, now_s: float) -> None:
+    def _admit(self, datagram: Datagram, now_s: float) -> None:
+        frame = decode(datagram.content, self._key)
         peer = self._peers.get(frame.state.robot_id)
         if peer is None or frame.receiver != self._robot_id:
             raise FrameError(Refusal.MISDIRECTED)
-        peer.admit(frame, now_s)
+        peer.admit(frame, datagram.arrival_s)
+        self._tick.heard(frame.tick)
+        self._orders.heard(frame.following)
         self._traffic.accepted += 1
         self._traffic.message_ages.add(peer.age_s(now_s))
 
@@ -149,11 +191,31 @@ class NetworkTeam:
 
     def _fault(self, heard: Sequence[Teammate], near: Sequence[Teammate], unheard: Sequence[int]) -> str:
         rules = self._rules
+        if self.stop_reason:
+            return self.stop_reason
         if len(near) < rules.nearest:
             return f"waits for robots {', '.join(map(str, unheard))}: not heard yet"
+        if other := self._disagreement(near):
+            return other
         if heard and min(mate.age_s for mate in heard) > rules.alone_s:
             return f"no teammate was heard for {rules.alone_s:g} s"
         for mate in near:
             if mate.age_s > rules.missing_s:
                 return f"robot {mate.state.robot_id} was not heard for {rules.missing_s:g} s"
         return ""
+
+    def _disagreement(self, near: Sequence[Teammate]) -> str:
+        """Count who follows other objectives; a reason not to drive only until all have once agreed."""
+        own = self._orders.following()
+        differing = [
+            mate.state.robot_id
+            for mate in near
+            if (newest := self._peers[mate.state.robot_id].newest)
+            and newest.tick >= self._plan_tick  # an older frame is of the time before our change
+            and newest.following.digest not in (own.digest, own.next_digest)
+        ]
+        self._traffic.disagreed.update(differing)
+        self._agreed = self._agreed or not differing
+        if self._agreed:
+            return ""
+        return f"robot {differing[0]} follows other objectives than this one"

@@ -4,14 +4,25 @@ import errno
 import socket
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
+from edge_runtime.arrival import ANCILLARY_BYTES, ArrivalClock
+from edge_runtime.control_wire import PACKET_BYTES
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Endpoint
-from edge_runtime.fleet_wire import FRAME_BYTES
 
 DRAIN: Final = 256
 """Most packets taken in one tick, about what the kernel queues: a flood costs a bounded time."""
+
+
+class Datagram(NamedTuple):
+    """A packet as it was received."""
+
+    content: bytes
+    source: Any
+    """Where an answer is to go; for the carrier only."""
+    arrival_s: float
+    """Monotonic time."""
 
 
 class Carrier(Protocol):
@@ -24,7 +35,11 @@ class Carrier(Protocol):
         """Send a packet to a robot, once."""
         ...
 
-    def receive(self) -> Iterator[bytes]:
+    def reply(self, datagram: Datagram, packet: bytes) -> None:
+        """Send a packet to where a received one came from, once."""
+        ...
+
+    def receive(self) -> Iterator[Datagram]:
         """Take the packets that have arrived, at most so many that a tick can afford them."""
         ...
 
@@ -47,7 +62,7 @@ class UdpCarrier:
     def __init__(self, own: Endpoint, others: Mapping[int, Endpoint]) -> None:
         self.failures: Counter[str] = Counter()
         self._others = others
-        self._buffer = bytearray(FRAME_BYTES + 1)  # one more: longer packets must not look whole
+        self._buffer = memoryview(bytearray(PACKET_BYTES + 1))  # one more: longer ones must not look whole
         self._socket = socket.socket(socket.AF_INET6 if ":" in own[0] else socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -58,29 +73,39 @@ class UdpCarrier:
                 f"cannot listen on {own[0]} port {own[1]} ({error.strerror}); "
                 "is this the right --robot-id for this machine, and does no other process run it?"
             ) from error
+        self._arrivals = ArrivalClock(self._socket)
 
     def send(self, robot_id: int, packet: bytes) -> None:
         """Send a packet to a robot, once."""
-        try:
-            self._socket.sendto(packet, self._others[robot_id])
-        except OSError as error:  # a network that is away comes back: the loop must not end
-            self._count(error)
+        self._send(packet, self._others[robot_id])
 
-    def receive(self) -> Iterator[bytes]:
-        """Take up to ``DRAIN`` packets; one that is longer than a frame comes cut to one byte more."""
+    def reply(self, datagram: Datagram, packet: bytes) -> None:
+        """Send a packet to where a received one came from, once."""
+        self._send(packet, datagram.source)
+
+    def receive(self) -> Iterator[Datagram]:
+        """Take up to ``DRAIN`` packets; one that is longer than any of ours comes cut to one byte more."""
+        self._arrivals.begin()
         for _ in range(DRAIN):
             try:
-                size = self._socket.recv_into(self._buffer)
+                size, ancillary, _, source = self._socket.recvmsg_into((self._buffer,), ANCILLARY_BYTES)
             except BlockingIOError:
+                self._arrivals.emptied()
                 return
             except OSError as error:
                 self._count(error)
                 continue
-            yield bytes(self._buffer[:size])
+            yield Datagram(bytes(self._buffer[:size]), source, self._arrivals.arrival_s(ancillary))
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _send(self, packet: bytes, target: Any) -> None:  # noqa: ANN401  # the socket module's addresses
+        try:
+            self._socket.sendto(packet, target)
+        except OSError as error:  # a network that is away comes back: the loop must not end
+            self._count(error)
 
     def _count(self, error: OSError) -> None:
         self.failures[errno.errorcode.get(error.errno or 0, str(error))] += 1

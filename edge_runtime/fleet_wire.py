@@ -1,8 +1,10 @@
 """The frame that one robot sends to another: a fixed layout, authenticated with the team's key.
 
-Little endian: magic, sender, receiver, objective-set version, whether the sender listens to the receiver,
-boot id, sequence, challenge, answer, stamp, position, velocity, heading, intended action; then HMAC-SHA256
-of all that. What the session fields are for: `edge_runtime.fleet_peer`.
+Little endian: magic, sender, receiver, version of the objectives, whether the sender listens to the
+receiver, boot id, sequence, challenge, answer, the team's tick, the objectives' digest, digest and tick of
+the next ones, stamp, position, velocity, heading, intended action; then HMAC-SHA256 of all that. What the
+session fields are for: `edge_runtime.fleet_peer`; the tick: `edge_runtime.team_tick`; the objectives:
+`edge_runtime.orders`.
 """
 
 import enum
@@ -15,9 +17,9 @@ import msgspec
 
 from edge_runtime.messages import RobotState, Vector2
 
-MAGIC: Final = b"CFP\x01"
+MAGIC: Final = b"CFP\x02"
 """Its last byte is the version of the layout; change it with the layout."""
-_BODY: Final = struct.Struct("<4sHHI?3xQQQQ8d")
+_BODY: Final = struct.Struct("<4sHHI?3x8Q8d")
 _TAG_BYTES: Final = 32
 FRAME_BYTES: Final = _BODY.size + _TAG_BYTES
 
@@ -32,6 +34,8 @@ class Refusal(enum.Enum):
     MISDIRECTED = "misdirected"
     """Made for another robot, or by a robot that the fleet does not know."""
     NOT_FINITE = "not finite"
+    EXPIRED = "expired"
+    """An operator's order for an earlier run or an earlier time: a recording."""
     UNANSWERED = "unanswered"
     """Opens a session without the answer to our challenge: the first frames of any robot, or a recording."""
     DUPLICATE = "duplicate"
@@ -50,6 +54,17 @@ class FrameError(ValueError):
         self.cause = cause
 
 
+class Following(msgspec.Struct, frozen=True, gc=False):
+    """Which objectives a robot follows, and which it is committed to."""
+
+    version: int = 0
+    digest: int = 0
+    """See `edge_runtime.plan.digest_of`."""
+    next_digest: int = 0
+    next_tick: int = 0
+    """From this tick of the team on it follows the next ones; 0 if none are agreed."""
+
+
 class Frame(msgspec.Struct, frozen=True, gc=False):
     """One robot's state as another one receives it; ``state.stamp_s`` is of the sender's clock."""
 
@@ -63,25 +78,30 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     """The newest challenge that the sender had from the receiver; 0 before the first."""
     state: RobotState
     intended_action: Vector2
-    objectives_version: int = 0
-    """Of the objectives that the sender follows."""
     listens: bool = True
     """Whether the sender wants the receiver's frames."""
+    tick: int = 0
+    """The team's, as the sender counts."""
+    following: Following = Following()
 
 
 def encode(frame: Frame, key: bytes) -> bytes:
     """Return the authenticated packet of a frame."""
-    state = frame.state
+    state, following = frame.state, frame.following
     body = _BODY.pack(
         MAGIC,
         state.robot_id,
         frame.receiver,
-        frame.objectives_version,
+        following.version,
         frame.listens,
         frame.boot_id,
         frame.sequence,
         frame.challenge,
         frame.answer,
+        frame.tick,
+        following.digest,
+        following.next_digest,
+        following.next_tick,
         state.stamp_s,
         *state.position_m,
         *state.velocity_m_s,
@@ -102,9 +122,11 @@ def decode(packet: bytes, key: bytes) -> Frame:
     body = packet[: _BODY.size]
     if not hmac.compare_digest(hmac.digest(key, body, "sha256"), packet[_BODY.size :]):
         raise FrameError(Refusal.FOREIGN)
-    _, sender, receiver, version, listens, boot_id, sequence, challenge, answer, *numbers = _BODY.unpack(body)
+    _, sender, receiver, version, listens, boot_id, sequence, challenge, answer, *rest = _BODY.unpack(body)
+    tick, digest, next_digest, next_tick, *numbers = rest
     if not all(map(math.isfinite, numbers)):
         raise FrameError(Refusal.NOT_FINITE)
     stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers
     state = RobotState(sender, stamp, (x, y), (v_x, v_y), heading)
-    return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), version, listens)
+    following = Following(version, digest, next_digest, next_tick)
+    return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), listens, tick, following)

@@ -2,17 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from edge_runtime.backend import Backend
 from edge_runtime.bundle import Bundle
-from edge_runtime.config import Fleet, Steering
+from edge_runtime.config import Fleet, Steering, parse_steering
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Robot
-from edge_runtime.guide import Guide
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import Objective
 from edge_runtime.observation import Observer
+from edge_runtime.plan import Plan, make_plan
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,21 @@ class Mission:
         """The control period."""
         return 1.0 / self.rate_hz
 
+    def plan(self) -> Plan:
+        """What the robot follows from the start."""
+        return make_plan(self.steering, self.bundle.manifest, guided=self.guided)
+
+    def plan_of(self, file: str, content: bytes) -> Plan:
+        """Make a plan of an objectives file that came over the network, as if it lay beside the fleet file.
+
+        Raises:
+            ConfigError: names what does not hold together, or says that this robot is not guided.
+        """
+        if not self.guided:
+            raise ConfigError("this robot runs with --no-guidance")
+        steering = parse_steering(content, self.fleet.path.parent / Path(file).name)
+        return make_plan(steering, self.bundle.manifest)
+
     def controllers(self, max_speed_m_s: float = math.inf) -> dict[int, Controller]:
         """One controller for every robot of the fleet; they share one policy and must take turns.
 
@@ -59,20 +75,15 @@ class Mission:
         Raises:
             PolicyError: if the backend cannot run the bundle's policy.
         """
-        policy = self.bundle.field(self.backend)
-        # Objectives look ahead in the policy's own control steps, whatever the rate it is run at.
-        guidance = self.steering.guidance
-        start_noise = guidance.start_noise if self.bundle.manifest.start == "noise" else 0.0
-        guide = Guide(guidance, self.objectives, self.bundle.manifest.dynamics)
+        policy, plan = self.bundle.field(self.backend), self.plan()
         limits = self._limits(max_speed_m_s)
         return {
             robot.id: Controller(
                 robot.id,
                 Observer(self.bundle.manifest, robot.goal_m),
                 policy,
-                guide,
+                plan,
                 limits,
-                start_noise,
                 self.seed * 2**16 + robot.id,
             )
             for robot in self.fleet.robots

@@ -51,6 +51,11 @@ class Monitor:
         """Count a tick in which the bridge had no state to give."""
         self.faults["no state from the bridge yet"] += 1
 
+    def judge_anew(self) -> None:
+        """Forget separations and speeds: other objectives hold from this tick on."""
+        for tally in self.robots.values():
+            tally.min_separation_m, tally.max_speed_m_s = math.inf, 0.0
+
     def reached(self, robot_id: int) -> bool:
         """Whether a robot is at its goal now."""
         return self.robots[robot_id].goal_distance_m <= self._tolerance_m

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -61,9 +61,14 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         timing.begin(deadline_s)
         own = bridge.read()
         if own is None:
+            fleet.listen()
             monitor.no_state()
             continue
         team = fleet.team(own)
+        if plan := fleet.new_plan():
+            controller.plan = plan
+            session.watch.adopt(plan.steering, plan.version)
+            monitor.judge_anew()
         timing.lap()
         observation = controller.observe(team)
         timing.lap()
@@ -92,7 +97,7 @@ def run(
     early_wake_s: float = 0.0,
     stay: bool = False,
 ) -> RunReport:
-    """Drive the mission's robot until the goals are held, time is up, a signal comes or the link fails.
+    """Drive the robot until goals are held, time is up, a signal or an operator ends it, or the link fails.
 
     With ``stay``, goals that are held do not end the run.
     """
@@ -101,7 +106,8 @@ def run(
 
     def over() -> str:
         duration = "duration" if grid.next_s >= duration_s else ""
-        return signals.reason or ("goals held" if monitor.all_hold and not stay else duration)
+        reason = signals.reason or fleet.stop_reason
+        return reason or ("goals held" if monitor.all_hold and not stay else duration)
 
     freeze_garbage()
     failure = ""
@@ -112,7 +118,7 @@ def run(
     except EdgeError as error:
         reason = failure = str(error)
     return make_report(
-        mission,
+        replace(mission, steering=session.controller.plan.steering),
         monitor,
         grid,
         session.timing,

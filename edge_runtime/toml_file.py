@@ -22,9 +22,20 @@ def read_toml(path: Path) -> Table:
         ConfigError: if the file cannot be read, is not TOML, or holds nan or inf.
     """
     try:
-        table: Table = msgspec.toml.decode(path.read_bytes())
+        content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    return parse_toml(content, path)
+
+
+def parse_toml(content: bytes, path: Path) -> Table:
+    """Read the content of a TOML file whose numbers are all finite.
+
+    Raises:
+        ConfigError: if it is not TOML, or holds nan or inf.
+    """
+    try:
+        table: Table = msgspec.toml.decode(content)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not TOML ({error})") from error
     _refuse_non_finite(table, path, "")

@@ -3,12 +3,22 @@
 import itertools
 import random
 from collections import Counter, deque
+from pathlib import Path
 
+from bundles import MANIFEST
+
+from edge_runtime.config import Steering, parse_steering
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
+from edge_runtime.fleet_udp import Datagram
 from edge_runtime.messages import Command, RobotState
+from edge_runtime.order_desk import OrderDesk
+from edge_runtime.orders import Orders
+from edge_runtime.plan import make_plan
 
 KEY = bytes(range(32))
 PERIOD_S = 0.02
+OPERATOR = "operator"
+"""The queue that answers to an operator go to."""
 
 
 class Network:
@@ -20,9 +30,9 @@ class Network:
         self.dead = set()
         self.recorded = []
 
-    def carrier(self, robot_id):
+    def carrier(self, robot_id, clock):
         self.queues[robot_id] = deque()
-        return MemoryCarrier(self, robot_id)
+        return MemoryCarrier(self, robot_id, clock)
 
     def carry(self, sender, receiver, packet):
         self.recorded.append((sender, receiver, packet))
@@ -32,18 +42,22 @@ class Network:
 
 
 class MemoryCarrier:
-    def __init__(self, network, robot_id):
+    def __init__(self, network, robot_id, clock):
         self.failures = Counter()
+        self.clock = clock
         self.network, self.robot_id = network, robot_id
         self.closed = False
 
     def send(self, robot_id, packet):
         self.network.carry(self.robot_id, robot_id, packet)
 
+    def reply(self, datagram, packet):
+        self.network.carry(self.robot_id, datagram.source, packet)
+
     def receive(self):
-        queue = self.network.queues[self.robot_id]
+        queue, now_s = self.network.queues[self.robot_id], self.clock()
         while queue:
-            yield queue.popleft()
+            yield Datagram(queue.popleft(), OPERATOR, now_s)
 
     def close(self):
         self.closed = True
@@ -52,10 +66,10 @@ class MemoryCarrier:
 class World:
     """Robots on a line, one metre apart, that tick one after the other."""
 
-    def __init__(self, count, network=None, neighbours=None, **rules):
+    def __init__(self, count, network=None, neighbours=None, steering=None, **rules):
         self.now_s, self.count = 100.0, count
         self.network = network or Network()
-        self.neighbours, self.rules = neighbours or {}, rules
+        self.neighbours, self.rules, self.steering = neighbours or {}, rules, steering or {}
         self.position = {robot_id: (float(robot_id), 0.0) for robot_id in range(count)}
         self.teams = {robot_id: self.make(robot_id) for robot_id in range(count)}
         self.offset_s = {robot_id: 1000.0 * robot_id for robot_id in range(count)}
@@ -70,10 +84,16 @@ class World:
             alone_s=self.rules.get("alone_s", 0.2),
             missing_s=self.rules.get("missing_s", 1.0),
             receiving_s=0.1 * PERIOD_S,
+            period_s=PERIOD_S,
         )
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
-        carrier = self.network.carrier(robot_id)
-        return NetworkTeam(robot_id, others, rules, carrier, key, lambda: self.clock(robot_id), nonce)
+        carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
+        plan = make_plan(self.steering.get(robot_id, Steering()), MANIFEST)
+        desk = OrderDesk(Orders(robot_id, nonce(), plan, self.plan_of), key, carrier)
+        return NetworkTeam(robot_id, others, rules, carrier, key, desk, lambda: self.clock(robot_id), nonce)
+
+    def plan_of(self, file, content):
+        return make_plan(parse_steering(content, Path(file)), MANIFEST)
 
     def clock(self, robot_id):
         return self.now_s + self.offset_s[robot_id]

@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 from fleet_fakes import KEY, PERIOD_S, Network, World, ids
+from msgspec.structs import replace
 
 from edge_runtime.messages import Command
 
@@ -127,7 +128,7 @@ def test_frames_for_others_and_of_other_teams_are_refused():
         packet for sender, receiver, packet in foreigner.network.recorded if (sender, receiver) == (1, 0)
     ]
     world.network.queues[0].clear()
-    world.network.queues[0].extend([*stray, *own, *foreign, b"", b"CFP\x01", foreign[0] + b"x"])
+    world.network.queues[0].extend([*stray, *own, *foreign, b"", b"CFP\x02", foreign[0] + b"x"])
     world.teams[0].team(world.own(0))
     after = world.teams[0].report()
     assert after.accepted == before.accepted
@@ -193,7 +194,8 @@ def test_fixed_neighbours_need_not_be_mutual():
 
 def test_the_objectives_version_rides_in_every_frame():
     world = World(3)
-    world.teams[2].objectives_version = 7
+    orders = world.teams[2]._orders
+    orders.plan = replace(orders.plan, version=7)
     world.ticks(5)
     assert world.teams[0].report().objectives_version == {1: 0, 2: 7}
 

@@ -10,19 +10,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.fleet_wire import FRAME_BYTES, Frame, FrameError, Refusal, decode, encode
+from edge_runtime.fleet_wire import FRAME_BYTES, Following, Frame, FrameError, Refusal, decode, encode
 from edge_runtime.messages import RobotState
 
 KEY = bytes(range(32))
-FRAME = Frame(2, 3, 4, 5, 6, RobotState(1, 7.0, (8.0, 9.0), (10.0, 11.0), 12.0), (13.0, 14.0), 15, True)
+FRAME = Frame(
+    2,
+    3,
+    4,
+    5,
+    6,
+    RobotState(1, 7.0, (8.0, 9.0), (10.0, 11.0), 12.0),
+    (13.0, 14.0),
+    True,
+    16,
+    Following(15, 17, 18, 19),
+)
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.tuples(numbers, numbers)
 shorts = st.integers(0, 2**16 - 1)
 longs = st.integers(0, 2**64 - 1)
 states = st.builds(RobotState, shorts, numbers, vectors, vectors, numbers)
-versions = st.integers(0, 2**32 - 1)
-frames = st.builds(Frame, shorts, longs, longs, longs, longs, states, vectors, versions, st.booleans())
+followings = st.builds(Following, st.integers(0, 2**32 - 1), longs, longs, longs)
+frames = st.builds(
+    Frame, shorts, longs, longs, longs, longs, states, vectors, st.booleans(), longs, followings
+)
 
 
 def refusal(packet, key=KEY):
@@ -39,7 +52,7 @@ def test_frames_survive_the_way(frame, key):
 
 
 def test_the_layout_is_the_documented_one():
-    body = b"CFP\x01" + struct.pack("<HHIB3x", 1, 2, 15, 1) + struct.pack("<4Q", 3, 4, 5, 6)
+    body = b"CFP\x02" + struct.pack("<HHIB3x", 1, 2, 15, 1) + struct.pack("<8Q", 3, 4, 5, 6, 16, 17, 18, 19)
     body += struct.pack("<8d", *map(float, range(7, 15)))
     assert encode(FRAME, KEY) == body + hmac.new(KEY, body, hashlib.sha256).digest()
 
@@ -59,7 +72,7 @@ def test_junk_is_refused(junk):
 
 @given(body=st.binary(min_size=FRAME_BYTES - 4, max_size=FRAME_BYTES - 4))
 def test_junk_with_the_right_length_and_magic_is_refused(body):
-    assert refusal(b"CFP\x01" + body) is Refusal.FOREIGN
+    assert refusal(b"CFP\x02" + body) is Refusal.FOREIGN
 
 
 @given(frame=frames, key=st.binary(min_size=32, max_size=32).filter(lambda key: key != KEY))

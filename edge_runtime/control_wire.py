@@ -1,0 +1,136 @@
+"""What an operator sends to a robot, and what it answers: MessagePack between a magic and an HMAC-SHA256.
+
+No message acts twice or later: an order names the operator's session, the robot's boot and when it expires
+by the robot's own clock, both of which the operator has from the robot's answer; an answer repeats the
+session, a random number, and the number of the message that it answers.
+"""
+
+import hmac
+from typing import Final, Literal
+
+import msgspec
+
+from edge_runtime.fleet_wire import FrameError, Refusal
+
+ORDER_MAGIC: Final = b"CFO\x01"
+ANSWER_MAGIC: Final = b"CFA\x01"
+"""Their last byte is the version of the layout; change it with the layout."""
+FILE_BYTES: Final = 8192
+"""Longest objectives file."""
+PACKET_BYTES: Final = FILE_BYTES + 1024
+"""Longest packet."""
+_TAG_BYTES: Final = 32
+
+Stage = Literal["none", "checking", "accepted", "refused", "committed", "applied"]
+
+
+class Order(msgspec.Struct, frozen=True, tag_field="order"):
+    """Base of what an operator sends."""
+
+    session: int
+    number: int
+    """Counts the session's messages."""
+    receiver: int
+    boot_id: int
+    """Of the robot's run that is meant."""
+    expires_s: float
+    """By the robot's monotonic clock."""
+
+
+class Ask(Order, frozen=True, tag="ask"):
+    """Asks for the robot's standing; the only order for any boot and time."""
+
+
+class Propose(Order, frozen=True, tag="propose", kw_only=True):
+    """Asks whether the robot would follow these objectives; nothing changes yet."""
+
+    version: int
+    file: str
+    """Name of the objectives file, for messages."""
+    content: bytes
+
+
+class Commit(Order, frozen=True, tag="commit", kw_only=True):
+    """Makes what this session proposed the robot's objectives, at a tick of the team."""
+
+    tick: int
+
+
+class Abort(Order, frozen=True, tag="abort"):
+    """Takes back what this session proposed, unless it is committed."""
+
+
+class Stop(Order, frozen=True, tag="stop"):
+    """Ends the run; the robot is commanded to rest."""
+
+
+class Standing(msgspec.Struct, frozen=True):
+    """A robot's answer to any order."""
+
+    session: int
+    number: int
+    robot_id: int
+    boot_id: int
+    stamp_s: float
+    """The robot's monotonic time."""
+    tick: int
+    """The team's."""
+    rate_hz: float
+    version: int
+    """Of the objectives that it follows."""
+    digest: int
+    stage: Stage
+    """Of what the session proposed."""
+    complaint: str
+    """Why it was refused."""
+    stop_reason: str
+    """Why the newest command is zero; empty if the robot drives."""
+    stopped: bool
+    """The run ends, by an operator's order."""
+
+
+_order_decoder = msgspec.msgpack.Decoder(Ask | Propose | Commit | Abort | Stop)
+_answer_decoder = msgspec.msgpack.Decoder(Standing)
+
+
+def encode_order(order: Order, key: bytes) -> bytes:
+    """Return the authenticated packet of an order."""
+    return _seal(ORDER_MAGIC + msgspec.msgpack.encode(order), key)
+
+
+def encode_answer(standing: Standing, key: bytes) -> bytes:
+    """Return the authenticated packet of an answer."""
+    return _seal(ANSWER_MAGIC + msgspec.msgpack.encode(standing), key)
+
+
+def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | Stop:
+    """Read an order.
+
+    Raises:
+        FrameError: if it is malformed or not made with this key.
+    """
+    try:
+        return _order_decoder.decode(_open(packet, ORDER_MAGIC, key))
+    except msgspec.MsgspecError:
+        raise FrameError(Refusal.MALFORMED) from None
+
+
+def decode_answer(packet: bytes, key: bytes) -> Standing:
+    """Read an answer; raises as `decode_order`."""
+    try:
+        return _answer_decoder.decode(_open(packet, ANSWER_MAGIC, key))
+    except msgspec.MsgspecError:
+        raise FrameError(Refusal.MALFORMED) from None
+
+
+def _seal(body: bytes, key: bytes) -> bytes:
+    return body + hmac.digest(key, body, "sha256")
+
+
+def _open(packet: bytes, magic: bytes, key: bytes) -> bytes:
+    body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
+    if len(packet) > PACKET_BYTES or body[: len(magic)] != magic:
+        raise FrameError(Refusal.MALFORMED)
+    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), tag):
+        raise FrameError(Refusal.FOREIGN)
+    return body[len(magic) :]
