@@ -16,9 +16,16 @@ OBSERVATION_UNITS: Final = {
     "ranges": "m",
     "nearby_samples": "1",
     "preference": "1",
+    "package_offset": "m",
+    "line_offset": "m",
+    "package_goal_offset": "m",
+    "package_velocity": "m/s",
+    "line_velocity": "m/s",
+    "line_angular_velocity": "rad/s",
+    "line_sin_2_angle": "1",
 }
 """Every observation field that a policy may have, with its unit."""
-SIZES: Final = {"nearby_samples": 8, "preference": 3}
+SIZES: Final = {"nearby_samples": 8, "preference": 3, "line_angular_velocity": 1, "line_sin_2_angle": 1}
 """Components of the fields that are neither a vector of the plane nor one number per ray."""
 ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
 """The action that the dynamics integrate: one force per axis, in this order."""

@@ -4,6 +4,10 @@ import pytest
 import torch
 import vmas
 
+from edge_runtime.errors import PolicyError
+from edge_runtime.manifest_rules import GRAPH_FILE, check_manifest
+from edge_runtime.observation import Observer
+from export.facts import Facts
 from export.scenarios import make_scenario
 from export.scenarios.balance import FACTS, GRAVITY_M_S2, ON_GOAL_M, START_DISTANCE_M
 from export.scenarios.balance_starts import LINE_LENGTH_M, RADIUS_M, draw_starts
@@ -64,6 +68,21 @@ def test_steps_and_rewards_are_those_of_vmas():
         _, reward, done, _ = env.step(list(action.unbind(1)))
         assert torch.equal(transition.reward, torch.stack(reward, 1))
         assert torch.equal(transition.succeeded | transition.failed, done)
+
+
+def test_a_policy_can_be_exported_and_no_robot_drives_it_without_a_source_for_the_scene():
+    facts = Facts(
+        observation=FACTS.observation,
+        action=FACTS.action,
+        control_rate_hz=FACTS.control_rate_hz,
+        euler_steps=10,
+        dynamics=FACTS.dynamics,
+        body=FACTS.body,
+    )
+    manifest = facts.manifest("balance", None, {GRAPH_FILE: "0" * 64})
+    check_manifest(manifest, "manifest.json")
+    with pytest.raises(PolicyError, match="observes package_offset, line_offset, package_goal_offset"):
+        Observer(manifest, (0.0, 0.0))
 
 
 def test_motion_is_what_the_policy_observes_of_itself():
