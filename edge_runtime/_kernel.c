@@ -271,9 +271,9 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     PyObject *array;
     Py_buffer buffer;
     Term terms[MAX_TERMS];
-    int projection, count;
+    int projection, count, most_steps;
     double x, y, left_s;
-    if (!PyArg_ParseTuple(arguments, "iiO(dd)d", &projection, &count, &array, &x, &y, &left_s))
+    if (!PyArg_ParseTuple(arguments, "iiO(dd)di", &projection, &count, &array, &x, &y, &left_s, &most_steps))
         return NULL;
     if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < NONE ||
         projection > CONE)
@@ -285,23 +285,27 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     for (int m = 0; m < count && next != NULL; m++)
         next = read_term(next, end, &terms[m]);
     const Sample sample =
-        next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s)
+        next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s, most_steps)
              : (Sample){0};
     PyBuffer_Release(&buffer);
     if (next == NULL)
         return PyErr_Format(PyExc_ValueError, "the terms end early");
-    PyObject *costs = PyTuple_New(count);
-    for (int m = 0; costs != NULL && m < count; m++)
+    PyObject *costs = PyTuple_New(count), *conflicts = PyTuple_New(count);
+    for (int m = 0; costs != NULL && conflicts != NULL && m < count; m++) {
         PyTuple_SET_ITEM(costs, m, PyFloat_FromDouble(sample.costs[m]));
-    return Py_BuildValue("(dd)iiiN", sample.action.x, sample.action.y, sample.steps, sample.projections,
-                         sample.fault, costs);
+        PyTuple_SET_ITEM(conflicts, m, PyLong_FromLong(sample.conflicts[m]));
+    }
+    return Py_BuildValue("(dd)iiiiNN", sample.action.x, sample.action.y, sample.steps, sample.projections,
+                         sample.fault, sample.opposed, costs, conflicts);
 }
 
 static PyMethodDef network_methods[] = {
     {"observe", (PyCFunction)network_observe, METH_O, "observe(observation): float32 (B, O)"},
     {"step", (PyCFunction)network_step, METH_O, "step(k): reads action (B, d), writes result (B, 1 + d, d)"},
     {"sample", (PyCFunction)network_sample, METH_VARARGS,
-     "sample(projection, count, terms, start, left_s) -> (action, steps, projections, fault, costs)"},
+     "sample(projection, count, terms, start, left_s, most_steps) -> (action, steps, projections, fault, "
+     "opposed, "
+     "costs, conflicts)"},
     {0}};
 
 static PyTypeObject network_type = {

@@ -33,8 +33,10 @@ typedef struct {
 typedef struct {
     Vector2 action;
     int steps, projections;
-    int fault; /* the term whose gradient was not finite, or -1 */
+    int opposed; /* steps in which eq. 15 took something away */
+    int fault;   /* the term whose gradient was not finite, or -1 */
     double costs[MAX_TERMS];
+    int conflicts[MAX_TERMS];
 } Sample;
 
 static double dot2(Vector2 a, Vector2 b) { return a.x * b.x + a.y * b.y; }
@@ -137,8 +139,9 @@ static bool project_onto_cone(const Vector2 *gradients, int count, Vector2 *guid
 }
 
 static bool combine(Projection projection, const Vector2 *gradients, const double *factors, int count,
-                    Vector2 nominal, Vector2 *guidance)
+                    Vector2 nominal, Vector2 *guidance, bool *opposed)
 {
+    *opposed = false;
     *guidance = (Vector2){0.0, 0.0};
     for (int m = 0; m < count; m++)
         *guidance = add_scaled(*guidance, factors[m], gradients[m]);
@@ -147,11 +150,23 @@ static bool combine(Projection projection, const Vector2 *gradients, const doubl
     case NONE: break;
     case HIERARCHICAL:
         changed = harmonize(gradients, factors, count, guidance);
-        changed |= project_onto_nominal(nominal, guidance);
+        *opposed = project_onto_nominal(nominal, guidance);
+        changed |= *opposed;
         break;
     case CONE: changed = project_onto_cone(gradients, count, guidance);
     }
     return changed;
+}
+
+/* Counts every pair of gradients that oppose each other, for both terms. */
+static void count_conflicts(const Vector2 *gradients, const int *term, int count, int *conflicts)
+{
+    for (int m = 1; m < count; m++)
+        for (int n = 0; n < m; n++)
+            if (dot2(gradients[m], gradients[n]) < 0.0) {
+                conflicts[term[m]]++;
+                conflicts[term[n]]++;
+            }
 }
 
 static double seconds(void)
@@ -163,7 +178,7 @@ static double seconds(void)
 
 /* T Euler steps, or as many as fit in the time left; guidance.py's guided_action for batch 1 and d = 2. */
 static Sample sample_guided(Network *net, Projection projection, const Term *terms, int count, Vector2 action,
-                            double left_s)
+                            double left_s, int most_steps)
 {
     Sample sample = {.fault = -1};
     const double begin = seconds();
@@ -177,7 +192,8 @@ static Sample sample_guided(Network *net, Projection projection, const Term *ter
         const Vector2 estimate = add_scaled(action, left, velocity);
         Vector2 gradients[MAX_TERMS], guidance;
         double factors[MAX_TERMS];
-        int steering = 0;
+        int term[MAX_TERMS], steering = 0;
+        bool opposed;
         for (int m = 0; m < count; m++) {
             Vector2 gradient;
             sample.costs[m] = evaluate_term(&terms[m], estimate, &gradient);
@@ -189,17 +205,21 @@ static Sample sample_guided(Network *net, Projection projection, const Term *ter
             if (gradient.x != 0.0 || gradient.y != 0.0) {
                 gradients[steering] = (Vector2){-gradient.x - left * dot2(along_x, gradient),
                                                 -gradient.y - left * dot2(along_y, gradient)};
-                factors[steering++] = terms[m].factor;
+                factors[steering] = terms[m].factor;
+                term[steering++] = m;
             }
         }
-        sample.projections += combine(projection, gradients, factors, steering, velocity, &guidance);
+        sample.projections +=
+            combine(projection, gradients, factors, steering, velocity, &guidance, &opposed);
+        sample.opposed += opposed;
+        count_conflicts(gradients, term, steering, sample.conflicts);
         sample.action = action =
             add_scaled(action, 1.0 / net->euler_steps, add_scaled(velocity, 1.0, guidance));
         sample.steps = k + 1;
         const double before = now;
         now = seconds();
         longest = fmax(longest, now - before);
-        if (now - begin + longest > left_s) {
+        if (k + 1 < net->euler_steps && (now - begin + longest > left_s || k + 1 == most_steps)) {
             sample.action = add_scaled(estimate, 1.0 / net->euler_steps, guidance);
             break;
         }

@@ -30,7 +30,7 @@ from edge_runtime.kernel import CompiledPolicy, encode
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
-from edge_runtime.projection import cone
+from edge_runtime.projection import cone, harmonize, project_onto_nominal
 from edge_runtime.scene import Motion, Outlook, look_ahead
 
 __all__ = ["GuidedAction", "guided_action"]
@@ -43,6 +43,7 @@ def guided_action(
     guide: Guide,
     start: Vector2 = (0.0, 0.0),
     deadline_s: float = math.inf,
+    most_steps: int | None = None,
 ) -> GuidedAction:
     """Sample one planar robot's action.
 
@@ -57,6 +58,7 @@ def guided_action(
         guide: the objectives.
         start: the flow's start, a sample of the prior.
         deadline_s: `time.monotonic` time by which the action is needed.
+        most_steps: cut short after so many steps, as a deadline would; T where None.
     """
     if not math.isfinite(observation.sum()):
         return _refused(0, "the observation is not finite")
@@ -64,62 +66,99 @@ def guided_action(
     outlooks = [look_ahead(team, preview) for preview in guide.previews]
     try:
         if guide.native and isinstance(policy, CompiledPolicy):
-            sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s)
+            sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s, most_steps)
         else:
-            sampled = _flow(policy, outlooks, guide, start, deadline_s)
+            sampled = _flow(policy, outlooks, guide, start, deadline_s, most_steps)
         return _corrected(sampled, outlooks, guide) if guide.corrects and not sampled.fault else sampled
     except Exception as error:  # noqa: BLE001  # an objective of the user's own may raise anything
         return _refused(0, f"an objective raised {type(error).__name__}: {error}")
 
 
 def _flow(
-    policy: VelocityField, outlooks: Sequence[Outlook], guide: Guide, start: Vector2, deadline_s: float
+    policy: VelocityField,
+    outlooks: Sequence[Outlook],
+    guide: Guide,
+    start: Vector2,
+    deadline_s: float,
+    most_steps: int | None,
 ) -> GuidedAction:
     """Take the Euler steps; the observation is set already."""
     bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True))
-    (ax, ay), total, projections = start, policy.euler_steps, 0
+    (ax, ay), total, projections, opposed, cut = start, policy.euler_steps, 0, 0, False
     costs: list[float] = []
+    conflicts = [0] * len(bound)
     now, longest = time.monotonic(), 0.0
     for k in range(total):
         ((vx, vy),), ((jxx, jxy),), ((jyx, jyy),) = policy.step(k, ((ax, ay),)).tolist()
         left = 1.0 - k / total
         hx, hy = ax + left * vx, ay + left * vy
-        gradients, factors, sum_x, sum_y = [], [], 0.0, 0.0
+        gradients, factors, steering, sum_x, sum_y = [], [], [], 0.0, 0.0
         costs.clear()
         for objective, outlook, factor in bound:
             cost, gx, gy = _action_slope(objective, outlook, hx, hy)
             if not math.isfinite(gx + gy):
                 return _refused(k, f"the gradient of {objective.name} is not finite")
-            costs.append(cost)
             if gx or gy:
                 x, y = -gx - left * (jxx * gx + jxy * gy), -gy - left * (jyx * gx + jyy * gy)
+                for n, nx, ny in steering:
+                    if x * nx + y * ny < 0.0:
+                        conflicts[n] += 1
+                        conflicts[len(costs)] += 1
+                steering.append((len(costs), x, y))
                 gradients.append((x, y))
                 factors.append(factor)
                 sum_x += factor * x
                 sum_y += factor * y
+            costs.append(cost)
         ex = ey = 0.0
         if gradients:
-            ex, ey = guide.combine(gradients, factors, (vx, vy))
+            if guide.keeps_flow:  # `hierarchical` in its two steps
+                harmonized = harmonize(gradients, factors)
+                ex, ey = project_onto_nominal(harmonized, (vx, vy))
+                opposed += (ex, ey) != harmonized
+            else:
+                ex, ey = guide.combine(gradients, factors, (vx, vy))
             projections += (ex, ey) != (sum_x, sum_y)
         ax += (vx + ex) / total
         ay += (vy + ey) / total
         before, now = now, time.monotonic()
         longest = max(longest, now - before)
-        if now + longest > deadline_s:
+        cut = k + 1 < total and (now + longest > deadline_s or k + 1 == most_steps)
+        if cut:
             ax, ay = hx + ex / total, hy + ey / total
             break
-    return _finished((ax, ay), k + 1, tuple(costs), projections)
+    return _finished(
+        GuidedAction((ax, ay), k + 1, tuple(costs), projections, "", tuple(conflicts), opposed, cut=cut)
+    )
 
 
 def _flow_compiled(
-    policy: CompiledPolicy, outlooks: Sequence[Outlook], guide: Guide, start: Vector2, deadline_s: float
+    policy: CompiledPolicy,
+    outlooks: Sequence[Outlook],
+    guide: Guide,
+    start: Vector2,
+    deadline_s: float,
+    most_steps: int | None,
 ) -> GuidedAction:
     """`_flow` in the compiled kernel."""
     terms = [encode(*term) for term in zip(guide.objectives, outlooks, guide.factors, strict=True)]
-    sample = policy.sample(guide.projection, terms, start, deadline_s - time.monotonic())
+    most_steps = policy.euler_steps if most_steps is None else most_steps
+    sample = policy.sample(guide.projection, terms, start, deadline_s - time.monotonic(), most_steps)
     if sample.fault >= 0:
         return _refused(sample.steps, f"the gradient of {guide.objectives[sample.fault].name} is not finite")
-    return _finished(sample.action, sample.steps, sample.costs, sample.projections)
+    cut = sample.steps < policy.euler_steps
+    return _finished(
+        GuidedAction(
+            sample.action,
+            sample.steps,
+            sample.costs,
+            sample.projections,
+            "",
+            sample.conflicts,
+            sample.opposed,
+            cut=cut,
+        )
+    )
 
 
 def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
@@ -129,11 +168,24 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
     for objective, outlook in zip(guide.objectives, outlooks, strict=True):
         cost, gx, gy = _action_slope(objective, outlook, ax, ay)
         if not math.isfinite(gx + gy):
-            return _refused(sampled.steps, f"the gradient of {objective.name} is not finite")
+            fault = f"the gradient of {objective.name} is not finite"
+            return _refused(sampled.steps, fault, cut=sampled.cut)
         costs.append(cost)
         gradients.append((-gx, -gy))
     x, y = cone(gradients, (1.0,) * len(gradients), (0.0, 0.0))
-    return _finished((ax + x, ay + y), sampled.steps, tuple(costs), sampled.projections)
+    return _finished(
+        GuidedAction(
+            (ax + x, ay + y),
+            sampled.steps,
+            tuple(costs),
+            sampled.projections,
+            "",
+            sampled.conflicts,
+            sampled.opposed,
+            (x, y),
+            sampled.cut,
+        )
+    )
 
 
 def _action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) -> tuple[float, float, float]:
@@ -145,11 +197,11 @@ def _action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) 
     return cost, shift * d_x + push * d_vx, shift * d_y + push * d_vy
 
 
-def _finished(action: Vector2, steps: int, costs: tuple[float, ...], projections: int) -> GuidedAction:
-    if not math.isfinite(action[0] + action[1]):
-        return _refused(steps, "the policy's velocity is not finite")
-    return GuidedAction(action, steps, costs, projections)
+def _finished(sampled: GuidedAction) -> GuidedAction:
+    if not math.isfinite(sampled.action[0] + sampled.action[1]):
+        return _refused(sampled.steps, "the policy's velocity is not finite", cut=sampled.cut)
+    return sampled
 
 
-def _refused(steps: int, fault: str) -> GuidedAction:
-    return GuidedAction((0.0, 0.0), steps, fault=fault)
+def _refused(steps: int, fault: str, *, cut: bool = False) -> GuidedAction:
+    return GuidedAction((0.0, 0.0), steps, fault=fault, cut=cut)

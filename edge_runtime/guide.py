@@ -53,6 +53,8 @@ class Guide:
         self.factors = tuple(settings.scale * objective.weight for objective in active)
         self.projection: Projection = "hierarchical" if settings.mode == "terminal" else settings.mode
         self.combine = PLANAR[self.projection]
+        self.keeps_flow = self.projection == "hierarchical"
+        """Whether eq. 15 removes what opposes the flow."""
         self.combine_batch = BATCH[self.projection]
         self.corrects = settings.mode == "terminal" and bool(active)
         """Whether the finished action is corrected at tau = 1."""

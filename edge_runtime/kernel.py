@@ -33,7 +33,9 @@ class Sample(NamedTuple):
     projections: int
     fault: int
     """Index of the objective whose gradient was not finite, or -1."""
+    opposed: int
     costs: tuple[float, ...]
+    conflicts: tuple[int, ...]
 
 
 class _Network(Protocol):
@@ -42,8 +44,14 @@ class _Network(Protocol):
     def observe(self, observation: Array) -> None: ...
     def step(self, k: int) -> None: ...
     def sample(
-        self, projection: int, count: int, terms: "array[float]", start: Vector2, left_s: float
-    ) -> tuple[Vector2, int, int, int, tuple[float, ...]]: ...
+        self,
+        projection: int,
+        count: int,
+        terms: "array[float]",
+        start: Vector2,
+        left_s: float,
+        most_steps: int,
+    ) -> tuple[Vector2, int, int, int, int, tuple[float, ...], tuple[int, ...]]: ...
 
 
 class _Kernel(Protocol):
@@ -128,19 +136,27 @@ class CompiledPolicy:
         return self._velocity_and_tangents
 
     def sample(
-        self, projection: Projection, terms: Sequence[Sequence[float]], start: Vector2, left_s: float
+        self,
+        projection: Projection,
+        terms: Sequence[Sequence[float]],
+        start: Vector2,
+        left_s: float,
+        most_steps: int,
     ) -> Sample:
-        """Flow one planar robot's action through all T steps, for the observation set before.
+        """Flow one planar robot's action through its steps, for the observation set before.
 
         Args:
             projection: how conflicts are resolved.
             terms: M encoded objectives, see `encode`.
             start: the flow's start.
             left_s: seconds from now by which the action is needed; may be infinite.
+            most_steps: cut short after so many steps; T for all of them.
         """
         numbers = array("d", [number for term in terms for number in term])
         return Sample(
-            *self._network.sample(PROJECTIONS.index(projection), len(terms), numbers, start, left_s)
+            *self._network.sample(
+                PROJECTIONS.index(projection), len(terms), numbers, start, left_s, most_steps
+            )
         )
 
 

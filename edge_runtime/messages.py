@@ -47,7 +47,7 @@ class GuidedAction(msgspec.Struct, frozen=True, gc=False):
     fault: str = ""
     """Why the action must not be used: a non-finite observation, gradient or velocity. Else empty."""
     conflicts: tuple[int, ...] = ()
-    """For each active objective, steps in which its descent direction opposed another one's."""
+    """For each active objective, how often its descent direction opposed another one's, over all steps."""
     opposed: int = 0
     """Steps in which eq. 15 removed what opposed the nominal flow."""
     correction: Vector2 = (0.0, 0.0)

@@ -249,3 +249,42 @@ def test_without_scale_or_weight_the_flow_is_unguided():
 def test_bad_settings_are_refused(wrong):
     with pytest.raises(ValueError, match="finite and not negative"):
         GuidanceSettings(**wrong)
+
+
+def head_on(mode, *objectives):
+    """A robot that drives east at 0.5 m/s towards a teammate 0.2 m ahead, its flow at rest."""
+    mate = Teammate(RobotState(1, 0.0, (0.2, 0.0), (0.0, 0.0)))
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.5, 0.0)), (mate,))
+    guide = Guide(GuidanceSettings(mode=mode, scale=1.0), objectives, DYNAMICS)
+    flow = gaussian_flow(0.5, np.zeros(2), 4)
+    return guided_action(flow, np.zeros((1, 1), np.float32), team, guide)
+
+
+class GoEast(Objective, frozen=True, kw_only=True, tag="go_east"):
+    def evaluate(self, motion, outlook):
+        return Slope(1.0, d_vx=-1.0)
+
+
+def test_conflicts_are_counted_for_the_objectives_that_have_them():
+    """Braking before a teammate opposes whoever wants to go on, not who agrees.
+
+    In each of four steps but the first: at tau = 0 this flow leads from anywhere to the same end.
+    """
+    margin, speed = SafetyMargin(distance_m=0.5), SpeedLimit(limit_m_s=0.1)
+    for mode in ("none", "hierarchical", "cone"):
+        assert head_on(mode, margin, speed).conflicts == (0, 0)
+        assert head_on(mode, margin, GoEast()).conflicts == (3, 3)
+        assert head_on(mode, margin, speed, GoEast()).conflicts == (3, 3, 6)
+    assert head_on("none", margin, GoEast()).projections == 0
+    assert head_on("cone", margin, GoEast()).projections == 3
+
+
+def test_only_mode_terminal_corrects_and_only_eq_15_says_what_it_removed():
+    speed = SpeedLimit(limit_m_s=0.1)
+    plain, paper, terminal = (head_on(mode, speed) for mode in ("none", "hierarchical", "terminal"))
+    assert plain.correction == paper.correction == (0.0, 0.0)
+    assert terminal.correction[0] < 0.0
+    assert terminal.action == (paper.action[0] + terminal.correction[0], paper.action[1])
+    assert plain.opposed == 0
+    # The first braking meets a flow at rest; then the flow pulls back, and braking opposes it.
+    assert paper.opposed == paper.projections == 2

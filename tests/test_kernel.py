@@ -64,6 +64,8 @@ def test_the_flow_in_the_kernel_is_the_flow_in_python(
     np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(compiled.costs, python.costs, rtol=1e-5, atol=1e-6)
     assert (compiled.steps, compiled.fault) == (python.steps, "") == (steps, "")
+    assert (compiled.conflicts, compiled.opposed) == (python.conflicts, python.opposed)
+    np.testing.assert_allclose(compiled.correction, python.correction, rtol=1e-5, atol=1e-6)
 
 
 # Projecting onto v multiplies rounding by |guidance| / |v|, without bound where the flow comes to rest.
@@ -128,6 +130,21 @@ def test_a_late_tick_returns_the_newest_estimate(make_compiled):
     assert in_time.steps == 10
 
 
+@pytest.mark.parametrize("steps", [1, 3, 9, 10])
+def test_a_sample_can_be_cut_after_any_step(make_backend, steps):
+    """A tick that its deadline cut short is repeated by the number of its steps."""
+    policy, guide = make_backend(random_weights(), 10), Guide(GuidanceSettings(mode="none"), [], DYNAMICS)
+    observation, team = np.ones((1, 18), np.float32), random_team(np.random.default_rng(0))
+    found = guided_action(policy, observation, team, guide, (0.3, -0.2), most_steps=steps)
+    policy.observe(observation)
+    action = np.array([0.3, -0.2])
+    for k in range(steps):
+        velocity = policy.step(k, action[None]).astype(float)[0, 0]
+        action = action + velocity * (1.0 - k / 10 if k + 1 == steps else 0.1)
+    assert (found.steps, found.cut) == (steps, steps < 10)
+    np.testing.assert_allclose(found.action, action, rtol=1e-6)
+
+
 def test_a_gradient_that_is_not_finite_is_named(make_compiled):
     guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.3)], DYNAMICS)
     policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
@@ -163,12 +180,12 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
         (lambda net: net.observe(np.zeros((1, 18))), ValueError),
         (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
         (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
-        (lambda net: net.sample(0, 1, np.zeros(7), (0.0, 0.0), 1.0), ValueError),
-        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [9.0]), (0.0, 0.0), 1.0), ValueError),
-        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [-1.0]), (0.0, 0.0), 1.0), ValueError),
-        (lambda net: net.sample(0, 33, np.zeros(33 * 8), (0.0, 0.0), 1.0), ValueError),
-        (lambda net: net.sample(9, 0, np.zeros(0), (0.0, 0.0), 1.0), ValueError),
-        (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0), ValueError),
+        (lambda net: net.sample(0, 1, np.zeros(7), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [9.0]), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [-1.0]), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 33, np.zeros(33 * 8), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(9, 0, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
     ],
 )
 def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, problem):
