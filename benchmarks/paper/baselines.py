@@ -1,0 +1,60 @@
+"""What post-processes a finished action towards the execution objectives, after the paper's section V-A.
+
+Both start from the action a_0 that a trained MAPPO policy predicts; a(k) below are the B robots' actions.
+
+- Projected gradient descent: n steps a <- P(a - alpha sum_m lambda_m grad J_m(a)), where P projects onto
+  the ball of radius rho around a_0.
+- Shielding: a_0 stays where every cost is zero; elsewhere it is moved onto the safe set, the actions of
+  zero cost, by cyclic projections. A cost here is half the squared action that would cure its violation,
+  so that a - grad J is the projection onto one objective's safe set. The last point is taken.
+"""
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from edge_runtime.batch_guidance import action_slopes
+from edge_runtime.guide import Guide
+from edge_runtime.scene import Floats, OutlookBatch
+
+
+class DescentSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Constants of projected gradient descent."""
+
+    radius: float = 0.5
+    """rho, in units of the action."""
+    rate: float = 0.3
+    """alpha; 1 is a full Newton step of one objective."""
+    steps: int = 20
+
+
+class ShieldSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Constants of shielding."""
+
+    rounds: int = 20
+    """Of projections onto every objective's safe set in turn."""
+
+
+def descend(
+    action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch], settings: DescentSettings
+) -> Floats:
+    """Projected gradient descent from actions (B, 2)."""
+    moved, factors = action.copy(), np.array(guide.factors)
+    for _ in range(settings.steps):
+        slopes = action_slopes(guide, outlooks, moved)
+        away = moved - settings.rate * np.einsum("m,mbd->bd", factors, slopes) - action
+        length = np.linalg.norm(away, axis=-1, keepdims=True)
+        moved = action + away * np.minimum(1.0, settings.radius / np.maximum(length, settings.radius))
+    return moved
+
+
+def shield(
+    action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch], settings: ShieldSettings
+) -> Floats:
+    """Move actions (B, 2) onto the safe set."""
+    moved = action.copy()
+    for _ in range(settings.rounds):
+        for m in range(len(outlooks)):
+            moved -= action_slopes(guide, outlooks, moved)[m]
+    return moved

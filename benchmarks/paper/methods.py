@@ -1,0 +1,76 @@
+"""How B robots decide, on the deployed numpy runtime: guided flows, and what the paper compares them with."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.paper.episodes import Decide, MakeDecide
+from edge_runtime.batch_guidance import guided_actions
+from edge_runtime.bundle import Bundle
+from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.objectives import Objective
+from edge_runtime.scene import Floats, OutlookBatch, TeamBatch, look_ahead_batch
+
+Observations = npt.NDArray[np.float32]
+Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
+"""Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
+Preference = tuple[float, float, float]
+
+
+def guided(
+    settings: GuidanceSettings,
+    objectives: tuple[Objective, ...],
+    bundle: Bundle,
+    euler_steps: int | None = None,
+) -> MakeDecide:
+    """A flow policy under guidance; a Gaussian one, whose flow starts at zero, gives its mean."""
+    guide = Guide(settings, objectives, bundle.manifest.dynamics)
+
+    def prepare(batch: int) -> Decide:
+        policy = bundle.policy(batch, euler_steps)
+
+        def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
+            start = settings.start_noise * draw.standard_normal((batch, 2))
+            return guided_actions(policy, observation, views, guide, start)
+
+        return decide
+
+    return prepare
+
+
+def unguided(bundle: Bundle, start_noise: float) -> MakeDecide:
+    """A policy left alone."""
+    return guided(GuidanceSettings(mode="none", scale=0.0, start_noise=start_noise), (), bundle)
+
+
+def post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
+    """A Gaussian policy whose mean action is adapted afterwards."""
+    guide = Guide(GuidanceSettings(mode="none", scale=1.0), objectives, bundle.manifest.dynamics)
+    predict = unguided(bundle, 0.0)
+
+    def prepare(batch: int) -> Decide:
+        mean = predict(batch)
+
+        def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
+            outlooks = [look_ahead_batch(views, preview) for preview in guide.previews]
+            return adapt(mean(observation, views, draw), guide, outlooks)
+
+        return decide
+
+    return prepare
+
+
+def preferring(preference: Preference, bundle: Bundle) -> MakeDecide:
+    """A Gaussian policy that observes a preference for each objective, the nominal one first."""
+    predict = unguided(bundle, 0.0)
+
+    def prepare(batch: int) -> Decide:
+        mean, column = predict(batch), np.tile(np.array(preference, np.float32), (batch, 1))
+
+        def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
+            return mean(np.concatenate([observation, column], 1), views, draw)
+
+        return decide
+
+    return prepare

@@ -1,0 +1,75 @@
+"""The three tasks as they are evaluated: objectives, time limit, judge, and the names of Table I."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from benchmarks.paper.judges import BalanceJudge, Judge, NavigationJudge, SamplingJudge
+from edge_runtime.objectives import Objective
+from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One column of Table II."""
+
+    name: str
+    """As in ``paper.json``."""
+    title: str
+    unit: str
+    factor: float
+    """From the judge's value to the row's: 100 for what is stated in percent."""
+    higher_is_better: bool = False
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of the paper."""
+
+    name: str
+    objectives: tuple[Objective, ...]
+    steps: int
+    """Time limit in control steps."""
+    judge: Callable[[int], Judge]
+    """Makes a judge of that many episodes."""
+    metrics: tuple[Metric, Metric, Metric]
+    """Nominal, first and second execution objective."""
+
+
+TASKS = {
+    task.name: task
+    for task in (
+        Task(
+            "navigation",
+            NAVIGATION.objectives,
+            NAVIGATION.steps,
+            lambda episodes: NavigationJudge(episodes, NAVIGATION),
+            (
+                Metric("navigation_success", "navigation success", "%", 100.0, higher_is_better=True),
+                Metric("speeding_violation", "speeding violation", "%", 100.0),
+                Metric("margin_violation", "margin violation", "%", 100.0),
+            ),
+        ),
+        Task(
+            "balance",
+            BALANCE.objectives,
+            BALANCE.steps,
+            lambda episodes: BalanceJudge(episodes, BALANCE),
+            (
+                Metric("payload_distance", "payload distance", "m", 1.0),
+                Metric("order_violation", "order violation", "%", 100.0),
+                Metric("spacing_stddev", "spacing deviation", "m", 1.0),
+            ),
+        ),
+        Task(
+            "sampling",
+            SAMPLING.objectives,
+            SAMPLING.steps,
+            lambda episodes: SamplingJudge(episodes, SAMPLING),
+            (
+                Metric("mean_samples", "mean samples", "1", 1.0, higher_is_better=True),
+                Metric("geofencing_violation", "geofencing violation", "%", 100.0),
+                Metric("cluster_rmse", "cluster RMSE", "m", 1.0),
+            ),
+        ),
+    )
+}

@@ -1,0 +1,93 @@
+"""What the paper leaves open about its three tasks, in one place: objectives, time limits, thresholds.
+
+The same for every method. How the numbers were chosen is told beside the tables that they lead to.
+"""
+
+from dataclasses import dataclass
+
+from edge_runtime.objectives import (
+    Clustering,
+    Geofence,
+    Objective,
+    SafetyMargin,
+    Spacing,
+    SpatialOrder,
+    SpeedLimit,
+)
+
+
+@dataclass(frozen=True)
+class NavigationDefinition:
+    """Reach the goals within a speed limit and a safety margin."""
+
+    speed_limit: SpeedLimit
+    safety_margin: SafetyMargin
+    steps: int
+    """Time limit, in control steps of 0.1 s."""
+    tolerance: float
+    """Share of an episode's steps in which an execution objective may be violated."""
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The individual's objective, then the team's."""
+        return (self.speed_limit, self.safety_margin)
+
+
+@dataclass(frozen=True)
+class BalanceDefinition:
+    """Bring the payload to its goal in a given order and at a given spacing."""
+
+    spatial_order: SpatialOrder
+    spacing: Spacing
+    steps: int
+    """Time limit, in control steps of 0.1 s."""
+    spacing_tolerance_m: float
+    """How far a robot's closest neighbour may be from the wanted distance."""
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The individual's objective, then the team's."""
+        return (self.spatial_order, self.spacing)
+
+
+@dataclass(frozen=True)
+class SamplingDefinition:
+    """Gather samples as a cluster of a given radius, outside a fenced zone."""
+
+    geofence: Geofence
+    clustering: Clustering
+    steps: int
+    """Length of an episode, in control steps of 0.1 s."""
+    enough_samples: float
+    """Samples of the team that satisfy the nominal objective."""
+    tolerance: float
+    """Share of the steps in which a robot may be inside the zone."""
+    cluster_tolerance_m: float
+    """Root mean square deviation allowed from the wanted radius."""
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The individual's objective, then the team's."""
+        return (self.geofence, self.clustering)
+
+
+NAVIGATION = NavigationDefinition(
+    speed_limit=SpeedLimit(limit_m_s=0.3),
+    safety_margin=SafetyMargin(distance_m=0.25),
+    steps=200,
+    tolerance=0.05,
+)
+BALANCE = BalanceDefinition(
+    spatial_order=SpatialOrder(order=(1, 0, 3, 2, 4), gap_m=0.08),
+    spacing=Spacing(distance_m=0.15, weight=0.2),
+    steps=300,
+    spacing_tolerance_m=0.05,
+)
+SAMPLING = SamplingDefinition(
+    geofence=Geofence(centre_m=(0.0, 0.0), radius_m=0.3),
+    clustering=Clustering(radius_m=0.3),
+    steps=100,
+    enough_samples=50.0,
+    tolerance=0.05,
+    cluster_tolerance_m=0.1,
+)
