@@ -76,6 +76,8 @@ class Standing(msgspec.Struct, frozen=True):
     tick: int
     """The team's."""
     rate_hz: float
+    """Over the last second; 0 in the first one."""
+    nominal_rate_hz: float
     version: int
     """Of the objectives that it follows."""
     digest: int

@@ -144,7 +144,7 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     except ConfigError as error:
         refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
     orders = Orders(mission.robot_id, random_nonce(), mission.plan(), mission.plan_of)
-    desk = OrderDesk(orders, operator_key, carrier)
+    desk = OrderDesk(orders, operator_key, carrier, mission.rate_hz)
     return NetworkTeam(mission.robot_id, tuple(endpoints), rules, carrier, key, desk, time.monotonic)
 
 

@@ -4,7 +4,7 @@ from typing import Final
 
 from edge_runtime.control_wire import Order, decode_order, encode_answer
 from edge_runtime.fleet_udp import Carrier, Datagram
-from edge_runtime.orders import Orders
+from edge_runtime.orders import Orders, Pace
 
 FAREWELLS: Final = 5
 """How often a robot that ends its run says so: the answer to the stop may have been lost."""
@@ -35,14 +35,16 @@ class OrderDesk:
         orders: what the robot was ordered.
         key: the operator's, and whoever else's who may order.
         carrier: takes the answers back.
+        rate_hz: control rate that the robot is to keep.
     """
 
-    def __init__(self, orders: Orders, key: bytes, carrier: Carrier) -> None:
+    def __init__(self, orders: Orders, key: bytes, carrier: Carrier, rate_hz: float) -> None:
         self.orders = orders
         self.stop_reason = "not driving yet"
         """Of the newest command."""
         self._key, self._carrier = key, carrier
-        self._rate, self._tick, self._now_s = RateMeter(), 0, 0.0
+        self._rate, self._nominal_rate_hz = RateMeter(), rate_hz
+        self._tick, self._now_s = 0, 0.0
         self._newest: tuple[Order, Datagram] | None = None
 
     def begin(self, now_s: float, tick: int) -> None:
@@ -68,7 +70,6 @@ class OrderDesk:
                 self._answer(*self._newest)
 
     def _answer(self, order: Order, datagram: Datagram, complaint: str = "") -> None:
-        standing = self.orders.standing(
-            order, complaint, self._now_s, self._tick, self._rate.hz, self.stop_reason
-        )
+        pace = Pace(self._tick, self._rate.hz, self._nominal_rate_hz)
+        standing = self.orders.standing(order, complaint, self._now_s, pace, self.stop_reason)
         self._carrier.reply(datagram, encode_answer(standing, self._key))

@@ -8,7 +8,7 @@ operator or its packets be lost; one that learns of it after that tick changes a
 
 import threading
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -23,6 +23,15 @@ STOPPED: Final = "stopped by edge-ctl"
 
 Prepare = Callable[[str, bytes], Plan]
 """Makes a plan of an objectives file's name and content; raises EdgeError if it would not be followed."""
+
+
+class Pace(NamedTuple):
+    """How a robot's loop goes."""
+
+    tick: int
+    """The team's."""
+    rate_hz: float
+    nominal_rate_hz: float
 
 
 class Proposal:
@@ -135,9 +144,7 @@ class Orders:
             return Following(self.plan.version, self.plan.digest)
         return Following(self.plan.version, self.plan.digest, proposal.plan.digest, proposal.commit_tick)
 
-    def standing(
-        self, order: Order, complaint: str, now_s: float, tick: int, rate_hz: float, stop_reason: str
-    ) -> Standing:
+    def standing(self, order: Order, complaint: str, now_s: float, pace: Pace, stop_reason: str) -> Standing:
         """Answer an order."""
         stage, why = self._stage(order.session)
         return Standing(
@@ -146,8 +153,9 @@ class Orders:
             self._robot_id,
             self._boot_id,
             now_s,
-            tick,
-            rate_hz,
+            pace.tick,
+            pace.rate_hz,
+            pace.nominal_rate_hz,
             self.plan.version,
             self.plan.digest,
             "refused" if complaint else stage,

@@ -89,7 +89,7 @@ class World:
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
         carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
         plan = make_plan(self.steering.get(robot_id, Steering()), MANIFEST)
-        desk = OrderDesk(Orders(robot_id, nonce(), plan, self.plan_of), key, carrier)
+        desk = OrderDesk(Orders(robot_id, nonce(), plan, self.plan_of), key, carrier, 1 / PERIOD_S)
         return NetworkTeam(robot_id, others, rules, carrier, key, desk, lambda: self.clock(robot_id), nonce)
 
     def plan_of(self, file, content):

@@ -1,0 +1,155 @@
+"""An operator's end of the way to all robots of a team: every order is repeated until it is answered."""
+
+import select
+import socket
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final
+
+from edge_runtime.control_wire import (
+    PACKET_BYTES,
+    Abort,
+    Ask,
+    Commit,
+    Order,
+    Propose,
+    Standing,
+    Stop,
+    decode_answer,
+    encode_order,
+)
+from edge_runtime.fleet_peer import random_nonce
+from edge_runtime.fleet_settings import Endpoint
+from edge_runtime.fleet_wire import FrameError
+
+RETRY_S: Final = 0.04
+"""Time between two repetitions."""
+ASK_AGAIN: Final = 8
+"""After so many repetitions without an answer comes an `Ask`: the robot may have started anew."""
+VALID_S: Final = 1.0
+"""How long a robot obeys an order after it was sent."""
+
+MakeOrder = Callable[[int, int, int, int, float], Order]
+"""Of session, number, receiver, boot id and expiry."""
+Settled = Callable[[Standing], bool]
+
+
+class OperatorLink:
+    """A session with a team: a context manager.
+
+    Args:
+        robots: where each one listens, by id.
+        key: the operator's.
+        timeout_s: how long to repeat an order before a robot counts as silent.
+    """
+
+    def __init__(self, robots: Mapping[int, Endpoint], key: bytes, timeout_s: float) -> None:
+        self.standings: dict[int, Standing] = {}
+        """Each robot's newest answer."""
+        self.session = random_nonce()
+        self._robots, self._key, self._timeout_s = robots, key, timeout_s
+        self._heard_s: dict[int, float] = {}
+        self._number = 0
+        is_ipv6 = any(":" in host for host, _ in robots.values())
+        self._socket = socket.socket(socket.AF_INET6 if is_ipv6 else socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    def __enter__(self) -> "OperatorLink":
+        """Nothing needs opening."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give the network back; robots keep what they were ordered."""
+        self._socket.close()
+
+    def ask(self) -> list[int]:
+        """Ask all for their standing; return who is silent."""
+        asked = self._number
+        return self._until(Ask, lambda standing: standing.number > asked)
+
+    def propose(self, version: int, file: str, content: bytes) -> list[int]:
+        """Have all check objectives, until one refuses or all have answered; return who has not accepted."""
+        order = partial(Propose, version=version, file=file, content=content)
+        return self._until(order, lambda standing: standing.stage == "accepted", self._refused)
+
+    def commit(self, tick: int) -> list[int]:
+        """Commit what was proposed to a tick of the team; return who has not confirmed."""
+        order = partial(Commit, tick=tick)
+        return self._until(order, lambda standing: standing.stage in ("committed", "applied"))
+
+    def applied(self, lead_s: float) -> list[int]:
+        """Wait until all follow what was committed to a tick in ``lead_s``; return who does not."""
+        return self._until(Ask, lambda standing: standing.stage == "applied", more_s=lead_s)
+
+    def abort(self) -> list[int]:
+        """Take back what was proposed; return who has not confirmed."""
+        asked = self._number
+        return self._until(Abort, lambda standing: standing.number > asked and standing.stage != "accepted")
+
+    def stop(self) -> list[int]:
+        """Stop all; return who has not confirmed."""
+        return self._until(Stop, lambda standing: standing.stopped)
+
+    def tick_in(self, seconds: float) -> int:
+        """Return the number of the team's tick in so many seconds; somebody must have answered."""
+        now = time.monotonic()
+        return max(
+            standing.tick + round((now + seconds - self._heard_s[robot_id]) * standing.nominal_rate_hz)
+            for robot_id, standing in self.standings.items()
+        )
+
+    def _refused(self) -> bool:
+        return any(standing.stage == "refused" for standing in self.standings.values())
+
+    def _until(
+        self,
+        make: MakeOrder,
+        settled: Settled,
+        enough: Callable[[], bool] = lambda: False,
+        more_s: float = 0.0,
+    ) -> list[int]:
+        """Repeat an order to whom it has not settled, until all are, ``enough`` says so, or time is up."""
+        end_s, repeated = time.monotonic() + self._timeout_s + more_s, 0
+        while True:
+            silent = [robot for robot in self._robots if not self._is(robot, settled)]
+            if not silent or enough() or time.monotonic() >= end_s:
+                return silent
+            repeated += 1
+            for robot_id in silent:
+                self._send(robot_id, make if repeated % ASK_AGAIN else Ask)
+            self._receive(RETRY_S)
+
+    def _is(self, robot_id: int, settled: Settled) -> bool:
+        return robot_id in self.standings and settled(self.standings[robot_id])
+
+    def _send(self, robot_id: int, make: MakeOrder) -> None:
+        self._number += 1
+        standing = self.standings.get(robot_id)
+        if standing is None:
+            order: Order = Ask(self.session, self._number, robot_id, 0, 0.0)
+        else:
+            expires_s = standing.stamp_s + time.monotonic() - self._heard_s[robot_id] + VALID_S
+            order = make(self.session, self._number, robot_id, standing.boot_id, expires_s)
+        try:
+            self._socket.sendto(encode_order(order, self._key), self._robots[robot_id])
+        except OSError:
+            return  # as good as lost: it is repeated, and who stays silent is named
+
+    def _receive(self, seconds: float) -> None:
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            if not select.select((self._socket,), (), (), left_s)[0]:
+                return
+            try:
+                standing = decode_answer(self._socket.recv(PACKET_BYTES + 1), self._key)
+            except (OSError, FrameError):
+                continue  # somebody else's packet, or word that nobody listens there
+            self._take(standing)
+
+    def _take(self, standing: Standing) -> None:
+        known = self.standings.get(standing.robot_id)
+        newer = known is None or standing.number >= known.number
+        if standing.session == self.session and standing.robot_id in self._robots and newer:
+            self.standings[standing.robot_id] = standing
+            self._heard_s[standing.robot_id] = time.monotonic()
