@@ -9,6 +9,7 @@ COMMANDS = {
     "faults": "benchmarks.faults.command",
     "latency": "benchmarks.latency.command",
     "navigation": "benchmarks.navigation",
+    "paper": "benchmarks.paper.command",
 }
 
 

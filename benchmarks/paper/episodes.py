@@ -16,6 +16,7 @@ from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.tasks import Task
 from edge_runtime.scene import Floats, TeamBatch
 from export.scenarios import make_scenario
+from export.scenarios.scenario import Scenario
 
 CHUNK = 100
 """Episodes that run side by side."""
@@ -40,19 +41,38 @@ class Setting:
 
 
 def run_episodes(
-    task: Task, make_decide: MakeDecide, setting: Setting, progress: Callable[[int], None] = lambda _: None
+    task: Task,
+    make_decide: MakeDecide,
+    setting: Setting,
+    progress: Callable[[int], None] = lambda _: None,
+    watch: Callable[[Scenario], None] = lambda _: None,
 ) -> Outcome:
-    """Run and judge fresh episodes; ``progress`` is called with the number just finished."""
+    """Run and judge fresh episodes.
+
+    Args:
+        task: what is played.
+        make_decide: who plays.
+        setting: how often, and from which seed.
+        progress: called with the number of episodes just finished.
+        watch: called with the scenario before every control step.
+    """
     chunks = []
     for first in range(0, setting.episodes, CHUNK):
         count = min(CHUNK, setting.episodes - first)
-        chunks.append(_run_chunk(task, make_decide, setting, count, setting.seed * 10_000 + first))
+        chunks.append(_run_chunk(task, make_decide, setting, count, setting.seed * 10_000 + first, watch))
         progress(count)
     names = [field.name for field in fields(Outcome)]
     return Outcome(*(np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names))
 
 
-def _run_chunk(task: Task, make_decide: MakeDecide, setting: Setting, count: int, seed: int) -> Outcome:
+def _run_chunk(
+    task: Task,
+    make_decide: MakeDecide,
+    setting: Setting,
+    count: int,
+    seed: int,
+    watch: Callable[[Scenario], None],
+) -> Outcome:
     world = make_scenario(task.name, count, seed, torch.device("cpu"), training=False)
     robots, draw = world.facts.robots, np.random.default_rng(seed)
     neighbourhood = Neighbourhood(count, robots, setting.neighbours, setting.loss, draw)
@@ -60,6 +80,7 @@ def _run_chunk(task: Task, make_decide: MakeDecide, setting: Setting, count: int
     low, high = ([getattr(field, end) for field in world.facts.action] for end in ("low", "high"))
     action = np.zeros((count, robots, 2))
     for _ in range(task.steps):
+        watch(world)
         views = neighbourhood.views(*motion(world), action)
         observation = world.observe().flatten(0, 1).numpy()
         action = np.clip(decide(observation, views, draw), low, high).reshape(count, robots, 2)

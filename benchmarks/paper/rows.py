@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -31,6 +32,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     mean_samples: float | None = None
     geofencing_violation: float | None = None
     cluster_rmse: float | None = None
+    euler_steps: int | None = None
+    """T, where it is not the policy's own."""
+    control_frequency_hz: float | None = None
+    """How often one robot could decide on this machine: one over the median duration of a tick."""
     policy: str
     """Digest of the policy's manifest."""
     definitions: str
@@ -38,25 +43,43 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     commit: str
 
     @property
-    def key(self) -> tuple[str, ...]:
-        """What makes a row worth keeping: the same question, asked of the same policy."""
-        asked = (self.task, self.method, self.mode, str(self.seed), str(self.episodes))
-        return (*asked, self.policy, self.definitions)
+    def key(self) -> "Key":
+        """The question that this row answers."""
+        return Key(
+            self.task,
+            self.method,
+            self.mode,
+            self.seed,
+            self.episodes,
+            self.euler_steps,
+            self.policy,
+            self.definitions,
+        )
 
 
-def make_row(task: Task, outcome: Outcome, **facts: object) -> Row:
+class Key(NamedTuple):
+    """What makes a row worth keeping: the same question, asked of the same policy."""
+
+    task: str
+    method: str
+    mode: str
+    seed: int
+    episodes: int
+    euler_steps: int | None
+    policy: str
+    definitions: str
+
+
+def make_row(task: Task, outcome: Outcome, key: Key, commit: str, hz: float | None = None) -> Row:
     """Sum an outcome up."""
     values = (outcome.nominal, outcome.first, outcome.second)
     metrics = {
         metric.name: metric.factor * float(value.mean())
         for metric, value in zip(task.metrics, values, strict=True)
     }
+    success = 100.0 * float(outcome.satisfied.mean())
     return Row(
-        task=task.name,
-        episodes=len(outcome.satisfied),
-        multi_objective_success=100.0 * float(outcome.satisfied.mean()),
-        **metrics,
-        **facts,
+        **key._asdict(), multi_objective_success=success, commit=commit, control_frequency_hz=hz, **metrics
     )
 
 

@@ -1,0 +1,111 @@
+"""``python -m benchmarks paper``: Tables II and III and Figs. 3, 6 and 7, by the deployed runtime."""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+from rich.progress import Progress
+
+from benchmarks.paper.candidates import METHODS, candidates
+from benchmarks.paper.evaluation import Question, answer_all
+from benchmarks.paper.page import write_page
+from benchmarks.paper.policies import POLICIES, SEEDS
+from benchmarks.paper.rows import Row, read_rows, write_rows
+from benchmarks.paper.tasks import TASKS
+from benchmarks.paper.tuning import TUNED, TUNING, chosen, read_tuned, tune
+
+RESULTS = Path(__file__).parents[1] / "results" / "paper.json"
+SWEEP_STEPS = (1, 2, 3, 5, 10, 20)
+SWEEP_EPISODES = 200
+EXAMPLES = """\
+examples:
+  python -m benchmarks paper                        everything; interrupt it and start it again as you like
+  python -m benchmarks paper --quick                a few episodes of the first seed, written to a temporary place
+  python -m benchmarks paper --tune                 choose every method's settings anew
+  python -m benchmarks paper --policies runs        policies as python -m export.train_all leaves them
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Returns 0; errors are the caller's to show."""
+    options = _parse(arguments)
+    if options.tune:
+        _tune(options)
+        return 0
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / RESULTS.name if options.quick else options.json
+        rows = _evaluate(options, path)
+        print(write_page(rows, options.policies, path.parent / "paper", quick=options.quick))
+    return 0
+
+
+def questions(tasks: Sequence[str], seeds: int, episodes: int, sweep_episodes: int) -> list[Question]:
+    """All rows of the tables, then those of Figs. 6 and 7.
+
+    Raises:
+        ConfigError: if a method was not tuned.
+    """
+    tuned = read_tuned()
+    modes = {(task, method): chosen(tuned, TASKS[task], method).mode for task in tasks for method in METHODS}
+    asked = [
+        Question(task, method, mode, seed, episodes)
+        for seed in range(seeds)
+        for (task, method), mode in modes.items()
+    ]
+    for task in tasks:
+        for method in ("CFPG", "CFPG (eqs. 14, 15)", "CFPG (No HGP)"):
+            scales = [candidate.mode for candidate in candidates(TASKS[task], method)]
+            asked += [Question(task, method, mode, 0, sweep_episodes) for mode in scales]
+        mode = modes[task, "CFPG"]
+        asked += [Question(task, "CFPG", mode, 0, sweep_episodes, steps) for steps in SWEEP_STEPS]
+    return asked
+
+
+def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
+    rows = read_rows(path)
+    seeds, episodes, sweep = (1, 20, 10) if options.quick else (SEEDS, options.episodes, SWEEP_EPISODES)
+    asked = questions(options.tasks, seeds, episodes, sweep)
+    with Progress(disable=not sys.stderr.isatty()) as progress:
+        bar = progress.add_task("rows", total=len(asked))
+        found = answer_all(asked, options.policies, options.jobs, rows)
+        for row in found:
+            rows.append(row)
+            write_rows(path, rows)
+            progress.advance(bar)
+    return rows
+
+
+def _tune(options: argparse.Namespace) -> None:
+    tried = read_tuned()
+    total = TUNING.episodes * sum(
+        len(candidates(TASKS[task], method)) for task in options.tasks for method in METHODS
+    )
+    with Progress(disable=not sys.stderr.isatty()) as progress:
+        bar = progress.add_task("tuning episodes", total=total)
+        for task in options.tasks:
+            for method in METHODS:
+                new = tune(TASKS[task], method, options.policies, lambda count: progress.advance(bar, count))
+                tried = [row for row in tried if (row.task, row.method) != (task, method)] + new
+                TUNED.write_bytes(msgspec.json.format(msgspec.json.encode(tried), indent=1) + b"\n")
+                best = next(row for row in new if row.chosen)
+                print(f"{task}: {method}: {best.mode}, {best.multi_objective_success:.1f} %", flush=True)
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks paper",
+        description=__doc__,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--quick", action="store_true", help="a short form that leaves nothing behind")
+    parser.add_argument("--tune", action="store_true", help="choose the methods' settings instead")
+    parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
+    parser.add_argument("--episodes", type=int, default=1000, help="of each row of the tables (1000)")
+    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
+    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
+    return parser.parse_args(arguments)

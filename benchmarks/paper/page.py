@@ -1,0 +1,36 @@
+"""What a person reads of an evaluation: the tables as Markdown and the figures beside them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.paper.figures import draw_scales, draw_steps
+from benchmarks.paper.rows import Row
+from benchmarks.paper.tables import metrics_table, success_table, tests_table
+from benchmarks.paper.tasks import TASKS
+from benchmarks.paper.trajectories import draw_trajectories
+
+
+def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -> str:
+    """Write ``paper.md`` and its pictures to a directory; returns the tables."""
+    out.mkdir(parents=True, exist_ok=True)
+    tabled = [
+        row for row in rows if row.euler_steps is None and row.episodes == max(r.episodes for r in rows)
+    ]
+    swept = [row for row in rows if row.episodes < max(r.episodes for r in rows)]
+    tasks = [name for name in TASKS if any(row.task == name for row in rows)]
+    tables = [
+        "## Multi-objective success in percent (the paper's in brackets)",
+        success_table(tabled),
+        "## Significance over seeds",
+        tests_table(tabled),
+    ]
+    for task in tasks:
+        tables += [f"## {task.capitalize()}", metrics_table(tabled, task)]
+        draw_trajectories(TASKS[task], policies, tabled, out / f"trajectories_{task}.png", quick=quick)
+    draw_scales(swept, out / "scale.png")
+    draw_steps(swept, out / "steps.png")
+    figures = [f"![{path.stem}]({path.name})" for path in sorted(out.glob("*.png"))]
+    text = "\n\n".join(tables)
+    head = "# The paper's evaluation\n\nWritten by `python -m benchmarks paper`."
+    (out / "paper.md").write_text("\n\n".join([head, text, "## Figures", *figures]) + "\n")
+    return text

@@ -1,0 +1,79 @@
+"""Tables II and III in Markdown, with the paper's own numbers, the deviations and the tests."""
+
+from collections.abc import Sequence
+
+from benchmarks.paper.candidates import METHODS
+from benchmarks.paper.rows import Row
+from benchmarks.paper.statistics import equivalence, summarise, welch
+from benchmarks.paper.tasks import TASKS, Metric
+
+PAPER_SUCCESS = {
+    "CFPG": (88.71, 38.20, 71.00),
+    "CFPG (No HGP)": (89.14, 35.10, 61.20),
+    "MAPPO+PGD": (59.64, 1.30, 50.80),
+    "MAPPO+SHLD": (47.32, 3.60, 60.20),
+    "PC-MAPPO": (76.24, 0.00, 24.50),
+}
+"""Table III: multi-objective success in percent, tasks in the order of `TASKS`."""
+
+
+def success_table(rows: Sequence[Row]) -> str:
+    """Table III: multi-objective success, the paper's value in brackets, p against CFPG."""
+    lines = []
+    for method in METHODS:
+        cells = [_success_cell(rows, task, method, place) for place, task in enumerate(TASKS)]
+        lines.append([method, *cells])
+    return markdown(["method", *TASKS], lines)
+
+
+def metrics_table(rows: Sequence[Row], task: str) -> str:
+    """One task of Table II."""
+    metrics = TASKS[task].metrics
+    lines = []
+    for method in METHODS:
+        own = [row for row in rows if (row.task, row.method) == (task, method)]
+        if own:
+            lines.append([method, own[0].mode, *(_metric_cell(own, metric) for metric in metrics)])
+    return markdown(["method", "mode", *(f"{metric.title}, {metric.unit}" for metric in metrics)], lines)
+
+
+def tests_table(rows: Sequence[Row]) -> str:
+    """CFPG's success against every other method: Welch's t-test, and equivalence where it is no better."""
+    lines = []
+    for method in METHODS[1:]:
+        cells = [_test_cell(_successes(rows, task, "CFPG"), _successes(rows, task, method)) for task in TASKS]
+        lines.append([method, *cells])
+    return markdown(["CFPG against", *TASKS], lines)
+
+
+def markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    rule = ["---", *["--:"] * (len(header) - 1)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *lines])
+
+
+def _successes(rows: Sequence[Row], task: str, method: str) -> list[float]:
+    return [row.multi_objective_success for row in rows if (row.task, row.method) == (task, method)]
+
+
+def _success_cell(rows: Sequence[Row], task: str, method: str, place: int) -> str:
+    values = _successes(rows, task, method)
+    if not values:
+        return "not run"
+    paper = PAPER_SUCCESS.get(method)
+    return f"{summarise(values)}" + (f" ({paper[place]:.1f})" if paper else "")
+
+
+def _metric_cell(rows: Sequence[Row], metric: Metric) -> str:
+    summary = summarise([getattr(row, metric.name) for row in rows])
+    digits = 3 if metric.unit == "m" else 1
+    spread = f" ± {summary.deviation:.{digits}f}" if summary.seeds > 1 else ""
+    return f"{summary.mean:.{digits}f}{spread}"
+
+
+def _test_cell(ours: Sequence[float], theirs: Sequence[float]) -> str:
+    if min(len(ours), len(theirs)) < 2:
+        return ""
+    cell = f"p = {welch(ours, theirs):.1e}"
+    same = equivalence(ours, theirs)
+    return f"{cell}, equivalence p = {same:.1e}" if same < 0.05 else cell

@@ -1,0 +1,68 @@
+"""Fig. 3: one episode of a task, left alone and guided."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
+from benchmarks.paper.evaluation import Question, contestant
+from benchmarks.paper.judges import motion
+from benchmarks.paper.methods import unguided
+from benchmarks.paper.policies import load_policy
+from benchmarks.paper.rows import Row
+from benchmarks.paper.tasks import Task
+from edge_runtime.scene import Floats
+from export.scenarios.definitions import SAMPLING
+from export.scenarios.scenario import Scenario
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+SETTING = Setting(episodes=10, seed=3)
+COLOURS = ("#d62728", "#ff7f0e", "#bcbd22", "#2ca02c", "#1f77b4")
+
+
+def draw_trajectories(task: Task, policies: Path, rows: Sequence[Row], path: Path, *, quick: bool) -> None:
+    """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided."""
+    mode = next((row.mode for row in rows if (row.task, row.method) == (task.name, "CFPG")), None)
+    if mode is None:
+        return
+    who = contestant(Question(task.name, "CFPG", mode, 0, SETTING.episodes))
+    bundle = load_policy(policies, task.name, who.algorithm, seed=0)
+    guided_tracks, satisfied = _follow(task, who.make(bundle), quick=quick)
+    free_tracks, _ = _follow(task, unguided(bundle, 1.0), quick=quick)
+    episode = int(np.argmax(satisfied))
+    figure, axes = plt.subplots(1, 2, figsize=(10, 5), sharex=True, sharey=True, layout="constrained")
+    for panel, tracks, title in zip(axes, (free_tracks, guided_tracks), ("unguided", "guided"), strict=True):
+        _draw(panel, task, tracks[:, episode])
+        panel.set(title=f"{task.name}, {title}", xlabel="x, m", aspect="equal")
+    axes[0].set_ylabel("y, m")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _follow(task: Task, make: MakeDecide, *, quick: bool) -> tuple[Floats, np.ndarray]:
+    """Positions (steps, E, N, 2) of some episodes, and which of them were satisfied."""
+    seen: list[Floats] = []
+
+    def watch(world: Scenario) -> None:
+        seen.append(motion(world)[0])
+
+    setting = Setting(2, SETTING.seed) if quick else SETTING
+    outcome = run_episodes(task, make, setting, watch=watch)
+    return np.stack(seen), outcome.satisfied
+
+
+def _draw(panel: Axes, task: Task, tracks: Floats) -> None:
+    if task.name == "sampling":
+        panel.add_patch(plt.Circle(SAMPLING.geofence.centre_m, SAMPLING.geofence.radius_m, color="#f4b6b6"))
+    for robot in range(tracks.shape[1]):
+        track, colour = tracks[:, robot], COLOURS[robot]
+        panel.plot(*track.T, color=colour, lw=1)
+        panel.scatter(*track[::10].T, color=colour, s=6, alpha=0.6)
+        panel.scatter(*track[0], facecolors="none", edgecolors=colour, s=60)
+        panel.scatter(*track[-1], color=colour, s=60, label=f"robot {robot}")
+    panel.legend(fontsize=7, loc="upper right")
