@@ -1,0 +1,139 @@
+"""edge-sil: real robot processes against firmware and a plant, judged before any wheel turns."""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NoReturn
+
+import msgspec
+
+from edge_runtime.console import output, use_colour
+from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.manifest import RATE_HZ
+from edge_runtime.signals import StopSignals
+from firmware_bridge.sil.harness import Harness
+from firmware_bridge.sil.judge import judge
+from firmware_bridge.sil.limits import DEFAULT_LIMITS
+from firmware_bridge.sil.processes import Crew
+from firmware_bridge.sil.report import SilReport
+from firmware_bridge.sil.scenario import Request, prepare
+from firmware_bridge.sil.table import table
+
+EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
+MOST_ROBOTS: Final = 64
+EPILOG: Final = """\
+exit codes:
+  0  passed: every limit was kept
+  1  failed: a limit was broken, or a process died that nobody killed; one line says which
+  2  a flag or file does not hold together; one line says what, nothing was started
+  3  invalid: the machine was disturbed, the run proves nothing
+
+examples:
+  edge-sil                                                4 robots, CAN, 50 Hz, 30 s
+  edge-sil --bridge mavlink --realtime --json run.json
+  edge-sil --robots 8 --rate 20 --faults blackout.toml
+  edge-sil --fleet team.toml --policy policies/mine --limits strict.toml"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a wrong flag as one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ConfigError(f"{message}; see {self.prog} --help")
+
+
+def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
+    """Read the command line; returns the request and where the report goes.
+
+    Raises:
+        ConfigError: names the flag and what is allowed.
+    """
+    parser = _Parser(
+        prog="edge-sil",
+        description=__doc__,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("--robots", type=int, metavar="N", help="how many (default: 4, or the fleet file's)")
+    add("--bridge", choices=("can", "mavlink"), default="can", help="what the robots speak (default: can)")
+    add("--rate", type=float, default=50.0, metavar="HZ", help="control rate (default: 50)")
+    add("--duration", type=float, default=30.0, metavar="S", help="length of the measurement (default: 30)")
+    add("--json", type=Path, metavar="FILE", help="write the report there")
+    add("--fleet", type=Path, metavar="FILE", help="your team; its robots are moved to ports of this machine")
+    add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
+    add("--faults", type=Path, metavar="FILE", help="timeline of [[fault]] tables")
+    add("--limits", type=Path, default=DEFAULT_LIMITS, metavar="FILE", help=f"default: {DEFAULT_LIMITS.name}")
+    add("--realtime", action="store_true", help="real-time scheduling for robots, guards and plant")
+    add("--log-dir", type=Path, metavar="DIR", help="keep the robots' logs there")
+    flags = parser.parse_args(arguments)
+    low, high = RATE_HZ
+    _check("--rate", flags.rate, low, high)
+    _check("--duration", flags.duration, 1.0, 1e6)
+    robots = flags.robots
+    if robots is not None:
+        _check("--robots", robots, 1, MOST_ROBOTS)
+    request = Request(
+        robots=robots,
+        bridge=flags.bridge,
+        rate_hz=flags.rate,
+        duration_s=flags.duration,
+        fleet=flags.fleet,
+        policy=flags.policy,
+        faults=flags.faults,
+        limits=flags.limits,
+        realtime=flags.realtime,
+        log_dir=flags.log_dir,
+    )
+    return request, flags.json
+
+
+def simulate(request: Request, signals: StopSignals) -> SilReport:
+    """Run one scenario from preparation to verdict.
+
+    Raises:
+        ConfigError: if the request does not hold together; nothing was started.
+        BridgeError: if the run could not be carried to its end; nothing is left running.
+    """
+    with tempfile.TemporaryDirectory(prefix="edge-sil-") as name:
+        scenario = prepare(request, Path(name))
+        with Crew(scenario.folder) as crew:
+            recording = Harness(scenario, crew, signals).run()
+        return judge(scenario, recording)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-sil``; returns the exit code."""
+    try:
+        request, json = parse(arguments)
+        if json is not None:
+            _check_writable(json)
+        with StopSignals() as signals:
+            report = simulate(request, signals)
+    except EdgeError as error:
+        print(f"edge-sil: {error}", file=sys.stderr)
+        return 2 if isinstance(error, ConfigError) else 1
+    stream = output()
+    print(table(report, colour=use_colour(stream)), file=stream)
+    if json is not None:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
+    return EXIT_CODES[report.verdict]
+
+
+def _check(flag: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ConfigError(f"{flag} must be a number in [{low:g}, {high:g}], got {value:g}")
+
+
+def _check_writable(path: Path) -> None:
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

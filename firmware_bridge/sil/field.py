@@ -1,0 +1,168 @@
+"""``python -m firmware_bridge.sil.field SPEC``: the plant and every robot's firmware, one process.
+
+One process for all firmware nodes, because two cores hold them so with less disturbance than N more processes
+would make; each has its own bus or port, its own state and its own timeout. Everything is paced on one grid
+of absolute deadlines. Prints the moment from which the run counts, once all robots drive; on SIGTERM it
+writes its record beside SPEC.
+"""
+
+import gc
+import select
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from edge_runtime.bundle import load_bundle, packaged_bundle
+from edge_runtime.config import load_fleet
+from edge_runtime.realtime import enter_realtime, freeze_garbage
+from edge_runtime.signals import StopSignals
+from firmware_bridge.sil.can_node import CanNode
+from firmware_bridge.sil.faults import AnyFault, CorruptFrames, NanPose, StalePose
+from firmware_bridge.sil.mavlink_node import MavlinkNode
+from firmware_bridge.sil.node import FirmwareNode, NodeRecord
+from firmware_bridge.sil.scenario import BridgeKind, Station
+from firmware_bridge.sil.truth import Deeds, Truth
+from firmware_bridge.sil.world import World
+
+STEP_S: Final = 0.01
+"""Of the plant."""
+LONGEST_POSE_PERIOD_S: Final = 0.02
+SETTLING_S: Final = 0.5
+"""From the moment at which all robots drive to the beginning of the measurement."""
+SETPOINTS: Final = 5
+"""After so many setpoints a robot counts as driving."""
+
+
+class FieldSpec(msgspec.Struct, frozen=True):
+    """What the process is started with."""
+
+    bridge: BridgeKind
+    rate_hz: float
+    duration_s: float
+    ahead_m: float
+    policy: str
+    """Directory of the bundle; empty: the fleet's."""
+    realtime: bool
+    stations: tuple[Station, ...]
+    faults: tuple[AnyFault, ...]
+
+
+class FieldStart(msgspec.Struct, frozen=True):
+    """What it prints."""
+
+    t0_s: float
+    """Monotonic time at which the measurement begins and the faults' timeline starts."""
+
+
+class FieldRecord(msgspec.Struct, frozen=True):
+    """What it writes."""
+
+    nodes: tuple[NodeRecord, ...]
+    deeds: tuple[Deeds, ...]
+    late_s: list[float]
+    """How late each step of the plant was."""
+
+
+class Field:
+    """The world and its firmware."""
+
+    def __init__(self, spec: FieldSpec) -> None:
+        fleet = load_fleet(Path(spec.stations[0].fleet_file))
+        name = spec.policy or fleet.team.policy
+        bundle = load_bundle(Path(name)) if spec.policy or "/" in name else packaged_bundle(name)
+        starts = [station.start_m for station in spec.stations]
+        headings = [station.heading_rad for station in spec.stations]
+        self._world = World(bundle.manifest, starts, headings, spec.ahead_m, STEP_S)
+        goals = [station.goal_m for station in spec.stations]
+        self._truth = Truth(self._world, goals, fleet.steering.objectives, STEP_S)
+        self._nodes = [make_node(spec.bridge, station) for station in spec.stations]
+        self._spec = spec
+        self._pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
+        self._late_s: list[float] = []
+        self.t0_s = float("inf")
+
+    def run(self, signals: StopSignals) -> None:
+        """Serve until a signal."""
+        by_descriptor = {node.fileno(): node for node in self._nodes}
+        poll = select.poll()
+        for descriptor in by_descriptor:
+            poll.register(descriptor, select.POLLIN)
+        origin_s, step = time.monotonic(), 0
+        while not signals.reason:
+            due_s = origin_s + step * STEP_S
+            wait_s = due_s - time.monotonic()
+            for descriptor, _ in poll.poll(max(1e3 * wait_s, 0.0)):
+                by_descriptor[descriptor].receive()
+            if (now_s := time.monotonic()) >= due_s:
+                self._late_s.append(now_s - due_s)
+                self._advance(now_s, reports=step % self._pose_steps == 0)
+                step += 1
+
+    def record(self) -> FieldRecord:
+        """Return everything so far."""
+        nodes = tuple(node.record() for node in self._nodes)
+        return FieldRecord(nodes, self._truth.deeds(), self._late_s)
+
+    def close(self) -> None:
+        """Let the wires go."""
+        for node in self._nodes:
+            node.close()
+
+    def _advance(self, now_s: float, *, reports: bool) -> None:
+        self._world.step([node.motion(now_s) for node in self._nodes])
+        if self.t0_s <= now_s < self.t0_s + self._spec.duration_s:
+            self._truth.follow()
+        if reports:
+            self._mind_faults(now_s - self.t0_s)
+            for index, node in enumerate(self._nodes):
+                node.report(self._world.pose(index))
+        if self.t0_s == float("inf") and all(node.setpoints >= SETPOINTS for node in self._nodes):
+            self.t0_s = now_s + SETTLING_S
+            print(msgspec.json.encode(FieldStart(self.t0_s)).decode(), flush=True)
+
+    def _mind_faults(self, elapsed_s: float) -> None:
+        nodes = {node.robot_id: node for node in self._nodes}
+        for fault in self._spec.faults:
+            acts = fault.at_s <= elapsed_s < fault.end_s
+            match fault:
+                case StalePose():
+                    nodes[fault.robot].stale = acts
+                case NanPose():
+                    nodes[fault.robot].not_finite = acts
+                case CorruptFrames():
+                    nodes[fault.robot].corrupt = acts
+
+
+def make_node(bridge: BridgeKind, station: Station) -> FirmwareNode:
+    """Return the firmware of one robot."""
+    if bridge == "can":
+        return CanNode(station.robot_id, station.wire)
+    return MavlinkNode(station.robot_id, int(station.wire))
+
+
+def record_path(spec: Path) -> Path:
+    """Return where the record goes."""
+    return spec.with_suffix(".record")
+
+
+def main(arguments: list[str]) -> int:
+    """Run as the harness's child."""
+    path = Path(arguments[0])
+    spec = msgspec.json.decode(path.read_bytes(), type=FieldSpec)
+    with StopSignals() as signals:
+        field = Field(spec)
+        if spec.realtime:
+            enter_realtime()
+        freeze_garbage()
+        gc.disable()  # nothing here makes cycles, and a pause would look like a late robot
+        field.run(signals)
+    field.close()
+    record_path(path).write_bytes(msgspec.msgpack.encode(field.record()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

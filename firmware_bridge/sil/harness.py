@@ -1,0 +1,216 @@
+"""Runs a scenario: starts everything, follows the timeline, ends everything, hands back what was recorded."""
+
+import os
+import select
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from edge_runtime.errors import BridgeError
+from edge_runtime.report import RunReport
+from edge_runtime.signals import StopSignals
+from firmware_bridge.sil.decisions import Decisions, read_decisions
+from firmware_bridge.sil.faults import ClockJump, CpuHog, Hostile
+from firmware_bridge.sil.field import FieldRecord, FieldSpec, FieldStart, record_path
+from firmware_bridge.sil.hostile import HostileSpec
+from firmware_bridge.sil.injector import Injector
+from firmware_bridge.sil.meter import PERIOD_S, Meter
+from firmware_bridge.sil.probe import ProbeRecord
+from firmware_bridge.sil.processes import Child, Crew
+from firmware_bridge.sil.relay import Line, RelaySpec
+from firmware_bridge.sil.report import ProcessCost
+from firmware_bridge.sil.robots import MODULE, log_folder, report_path, robot_arguments
+from firmware_bridge.sil.scenario import Scenario
+from firmware_bridge.sil.wall_clock import faked_environment
+
+PACKAGE = "firmware_bridge.sil"
+STARTING_S = 30.0
+STARTING_A_ROBOT_S = 3.0
+"""Longest wait until all robots drive: so long, and so much more for each."""
+LOOK_S = 0.05
+"""How often the harness looks whether everybody is alive."""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a run left behind."""
+
+    t0_s: float
+    end_s: float
+    field: FieldRecord
+    probe: ProbeRecord
+    reports: dict[int, RunReport]
+    decisions: dict[int, Decisions]
+    costs: tuple[ProcessCost, ...]
+    others_cpu_cores: float
+    done_s: dict[int, float]
+    ended: tuple[str, ...]
+
+
+class Harness:
+    """One run of one scenario."""
+
+    def __init__(self, scenario: Scenario, crew: Crew, signals: StopSignals) -> None:
+        self._scenario, self._crew, self._signals = scenario, crew, signals
+        self._offset_file = scenario.folder / "wall_clock_offset"
+        self._ended: dict[str, str] = {}
+        self._meter = Meter(crew, os.getpid())
+
+    def run(self) -> Recording:
+        """Run to the end.
+
+        Raises:
+            BridgeError: if the team never drove, the plant died, or a signal asked to end.
+        """
+        field, helpers = self._start_field(), self._start_helpers()
+        self._start_robots()
+        start = self._await_start(field)
+        for helper in helpers:
+            helper.tell(msgspec.json.encode(start).decode())
+        injector = Injector(self._scenario.faults, self._crew, self._offset_file)
+        self._follow(start.t0_s, injector)
+        end_s = min(time.monotonic(), start.t0_s + self._scenario.request.duration_s)
+        injector.restore()
+        return self._end(start.t0_s, end_s, field, helpers, injector)
+
+    def _start_field(self) -> Child:
+        scenario, request = self._scenario, self._scenario.request
+        spec = FieldSpec(
+            request.bridge,
+            request.rate_hz,
+            request.duration_s,
+            scenario.ahead_m,
+            str(request.policy or ""),
+            request.realtime,
+            scenario.stations,
+            scenario.faults,
+        )
+        return self._start("field", "field", self._write("field", spec), answers=True)
+
+    def _start_helpers(self) -> list[Child]:
+        scenario = self._scenario
+        realtime = ["realtime"] if scenario.request.realtime else []
+        helpers = [self._start("probe", "probe", str(self._probe_file), *realtime)]
+        if scenario.relays:
+            ports = {station.robot_id: station.port for station in scenario.stations}
+            lines = tuple(Line(robot_id, port, ports[robot_id]) for robot_id, port in scenario.relays)
+            spec = RelaySpec(lines, scenario.faults, seed=0)
+            helpers.append(self._start("relay", "relay", self._write("relay", spec)))
+        for index, fault in enumerate(scenario.faults):
+            match fault:
+                case CpuHog():
+                    times = (str(fault.at_s), str(fault.for_s))
+                    hogs = [f"hog_{index}_{number}" for number in range(fault.processes)]
+                    helpers += [self._start(name, "hog", *times) for name in hogs]
+                case Hostile():
+                    ports = {station.robot_id: station.port for station in scenario.stations}
+                    path = self._write(f"hostile_{index}", HostileSpec(ports, fault))
+                    helpers.append(self._start(f"hostile_{index}", "hostile", path))
+        return helpers
+
+    def _start_robots(self) -> None:
+        environment = dict(ONE_THREAD)
+        if any(isinstance(fault, ClockJump) for fault in self._scenario.faults):
+            environment |= faked_environment(self._offset_file)
+        for station in self._scenario.stations:
+            arguments = robot_arguments(self._scenario, station)
+            self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, environment)
+
+    def _start(self, name: str, module: str, *arguments: str, answers: bool = False) -> Child:
+        return self._crew.start(name, f"{PACKAGE}.{module}", arguments, ONE_THREAD, answers=answers)
+
+    def _write(self, name: str, spec: msgspec.Struct) -> str:
+        path = self._scenario.folder / f"{name}.json"
+        path.write_bytes(msgspec.json.encode(spec))
+        return str(path)
+
+    @property
+    def _probe_file(self) -> Path:
+        return self._scenario.folder / "probe.record"
+
+    def _await_start(self, field: Child) -> FieldStart:
+        assert field.popen.stdout is not None  # noqa: S101 - for the type checker
+        longest_s = STARTING_S + STARTING_A_ROBOT_S * len(self._scenario.stations)
+        end_s = time.monotonic() + longest_s
+        while not select.select((field.popen.stdout,), (), (), LOOK_S)[0]:
+            self._look()
+            if self._ended:
+                raise BridgeError(f"the team did not start: {'; '.join(self._ended.values())}")
+            if time.monotonic() > end_s:
+                words = "; ".join(f"{c.name} said: {c.last_words()}" for c in self._robots())
+                raise BridgeError(f"not all robots drove within {longest_s:g} s: {words}")
+        return msgspec.json.decode(field.popen.stdout.readline(), type=FieldStart)
+
+    def _follow(self, t0_s: float, injector: Injector) -> None:
+        end_s, sample_s = t0_s + self._scenario.request.duration_s, t0_s
+        while (now_s := time.monotonic()) < end_s:
+            if now_s >= sample_s:
+                self._meter.sample(now_s)
+                sample_s += PERIOD_S
+            injector.act(now_s - t0_s)
+            self._look()
+            if "field" in self._ended:
+                raise BridgeError(self._ended["field"])
+            next_s = min(end_s, sample_s, t0_s + injector.next_s, now_s + LOOK_S)
+            time.sleep(max(next_s - time.monotonic(), 0.0))
+        self._meter.sample(time.monotonic())
+
+    def _look(self) -> None:
+        """Notice who has ended, and whether a signal asks to."""
+        if self._signals.reason:
+            raise BridgeError(f"ended by {self._signals.reason}")
+        for child in self._crew.children.values():
+            code = child.popen.poll()
+            surprising = code is not None and not child.expected_end and not _is_done(child, code)
+            if surprising and child.name not in self._ended:
+                self._ended[child.name] = f"{child.name} ended with {code}: {child.last_words()}"
+
+    def _end(
+        self, t0_s: float, end_s: float, field: Child, helpers: list[Child], injector: Injector
+    ) -> Recording:
+        for name in self._crew.ask_to_end(self._robots()):
+            self._ended[name] = f"{name} did not end when asked to"
+        self._crew.ask_to_end([*helpers, field])
+        try:
+            record = msgspec.msgpack.decode(
+                record_path(self._scenario.folder / "field.json").read_bytes(), type=FieldRecord
+            )
+            probe = msgspec.msgpack.decode(self._probe_file.read_bytes(), type=ProbeRecord)
+        except OSError as error:
+            raise BridgeError(f"the plant left no record: {field.last_words()}") from error
+        ended = tuple(self._ended.values())
+        return Recording(
+            t0_s,
+            end_s,
+            record,
+            probe,
+            self._reports(),
+            self._decisions(),
+            self._meter.costs(),
+            self._meter.others_cpu_cores(),
+            injector.done_s,
+            ended,
+        )
+
+    def _reports(self) -> dict[int, RunReport]:
+        reports = {}
+        for station in self._scenario.stations:
+            path = report_path(self._scenario, station.robot_id)
+            if path.is_file() and path.stat().st_size:
+                reports[station.robot_id] = msgspec.json.decode(path.read_bytes(), type=RunReport)
+        return reports
+
+    def _decisions(self) -> dict[int, Decisions]:
+        robots = [station.robot_id for station in self._scenario.stations]
+        return {robot_id: read_decisions(log_folder(self._scenario, robot_id)) for robot_id in robots}
+
+    def _robots(self) -> list[Child]:
+        return [self._crew.children[f"robot_{station.robot_id}"] for station in self._scenario.stations]
+
+
+def _is_done(child: Child, code: int) -> bool:
+    """Whether a helper ended because its part was over."""
+    return code == 0 and child.name.startswith(("hog_", "hostile_"))

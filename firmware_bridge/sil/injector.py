@@ -1,0 +1,91 @@
+"""Does what the timeline asks of processes: kill, freeze, let the clock jump, fill the disk."""
+
+import contextlib
+import os
+import resource
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+from edge_runtime.errors import BridgeError
+from firmware_bridge.sil.faults import AnyFault, ClockJump, Freeze, Kill, LogFull
+from firmware_bridge.sil.processes import Crew
+from firmware_bridge.sil.wall_clock import set_offset
+
+Deed = Callable[[], None]
+
+
+class Injector:
+    """The deeds of a timeline in their order; faults that other processes follow are none.
+
+    Args:
+        faults: the timeline.
+        crew: whose processes are meant; a robot's runtime is the child ``robot_K``.
+        offset_file: what libfaketime reads.
+    """
+
+    def __init__(self, faults: tuple[AnyFault, ...], crew: Crew, offset_file: Path) -> None:
+        self._crew, self._offset_file = crew, offset_file
+        self.done_s: dict[int, float] = {}
+        """When each fault, by its place in the timeline, was done, in the run's time."""
+        self._due: list[tuple[float, int, Deed]] = []
+        for index, fault in enumerate(faults):
+            self._plan(index, fault)
+        self._due.sort(key=lambda item: item[:2])
+
+    @property
+    def next_s(self) -> float:
+        """When the next deed is due, in the run's time."""
+        return self._due[0][0] if self._due else float("inf")
+
+    def act(self, elapsed_s: float) -> None:
+        """Do what is due."""
+        while self._due and self._due[0][0] <= elapsed_s:
+            _, index, deed = self._due.pop(0)
+            deed()
+            self.done_s.setdefault(index, elapsed_s)
+
+    def restore(self) -> None:
+        """Undo what would keep processes from ending in good order."""
+        for _, _, deed in self._due:
+            deed()
+        self._due.clear()
+
+    def _plan(self, index: int, fault: AnyFault) -> None:
+        match fault:
+            case Kill():
+                self._add(fault.at_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGKILL))
+            case Freeze():
+                self._add(fault.at_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGSTOP))
+                self._add(fault.end_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGCONT))
+            case ClockJump():
+                self._add(fault.at_s, index, lambda: set_offset(self._offset_file, fault.by_s))
+            case LogFull():
+                self._add(fault.at_s, index, lambda: self._limit_files(0))
+                self._add(fault.end_s, index, lambda: self._limit_files(resource.RLIM_INFINITY))
+
+    def _add(self, at_s: float, index: int, deed: Deed) -> None:
+        self._due.append((at_s, index, deed))
+
+    def _signal(self, robot: int, part: str, number: signal.Signals) -> None:
+        child = self._crew.children[f"robot_{robot}"]
+        if number != signal.SIGCONT:
+            child.expected_end = True
+        pid = child.popen.pid if part == "runtime" else self._guard(child.name)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
+
+    def _guard(self, name: str) -> int:
+        guards = self._crew.notice_grandchildren()
+        if f"{name}/guard" not in guards:
+            raise BridgeError(f"{name} has no guard to break")
+        return guards[f"{name}/guard"]
+
+    def _limit_files(self, size: int) -> None:
+        """Let no regular file of the robots grow beyond ``size`` bytes."""
+        pids = {name: child.popen.pid for name, child in self._crew.children.items()}
+        every = {**pids, **self._crew.notice_grandchildren()}
+        for name, pid in every.items():
+            if name.startswith("robot_"):
+                with contextlib.suppress(ProcessLookupError):
+                    resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))

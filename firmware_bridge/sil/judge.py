@@ -1,0 +1,167 @@
+"""From what a run left behind to its report: figures per robot and for the team, then the verdict."""
+
+import os
+from collections.abc import Iterable, Sequence
+
+import msgspec
+import numpy as np
+
+from edge_runtime.rate import Percentiles
+from edge_runtime.scene import Floats
+from firmware_bridge.sil.faults import Lasting
+from firmware_bridge.sil.figures import halts, missed_bursts, percentiles, pose_ages
+from firmware_bridge.sil.harness import Recording
+from firmware_bridge.sil.node import NodeRecord
+from firmware_bridge.sil.report import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
+from firmware_bridge.sil.scenario import Scenario
+from firmware_bridge.sil.verdict import broken_limits, disturbances
+
+POSE_TOLERANCE_S = {"can": 0.0, "mavlink": 0.002}
+"""How far a runtime's stamp may lie before the measurement: MAVLink counts milliseconds."""
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """What comes from arrivals alone, of one robot, or of several: the least rate, the sum of misses."""
+
+    share: float
+    jitter_ms: Percentiles | None
+    misses: int
+    longest_burst: int
+
+
+def judge(scenario: Scenario, recording: Recording) -> SilReport:
+    """Sum up a run."""
+    robots = tuple(_robot(scenario, recording, index) for index in range(len(scenario.stations)))
+    machine = _machine(scenario, recording)
+    report = SilReport(
+        bridge=scenario.request.bridge,
+        robots_count=len(robots),
+        rate_hz=scenario.request.rate_hz,
+        duration_s=recording.end_s - recording.t0_s,
+        policy=scenario.bundle.manifest.name,
+        robots=robots,
+        team=_team(scenario, recording, robots),
+        processes=recording.costs,
+        machine=machine,
+        faults=_faults(scenario, recording),
+        ended=recording.ended,
+        broken=(),
+        disturbed=disturbances(machine, scenario.limits.machine),
+        verdict="passed",
+    )
+    broken = broken_limits(report, scenario.limits.run)
+    verdict = "invalid" if report.disturbed else "failed" if broken else "passed"
+    return msgspec.structs.replace(report, broken=broken, verdict=verdict)
+
+
+def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality:
+    node, deeds = recording.field.nodes[index], recording.field.deeds[index]
+    robot_id, period_s = node.robot_id, scenario.period_s
+    runtime = recording.reports.get(robot_id)
+    fleet = runtime.fleet if runtime else None
+    timing = timing_of([node], recording, period_s)
+    speed = np.hypot(node.forward_m_s, node.yaw_rad_s)
+    own = [cost for cost in recording.costs if cost.name.partition("/")[0] == f"robot_{robot_id}"]
+    return RobotQuality(
+        achieved_rate_hz=timing.share / period_s,
+        achieved_rate_share=timing.share,
+        period_jitter_ms=timing.jitter_ms,
+        deadline_misses=timing.misses,
+        longest_burst=timing.longest_burst,
+        pose_to_command_age_ms=percentiles(_pose_ages(scenario, recording, node), 1e3),
+        fleet_message_age_ms=fleet.message_age_ms if fleet else None,
+        fleet_used_age_ms=fleet.used_age_ms if fleet else None,
+        objective_violations_share=deeds.violated_s / (recording.end_s - recording.t0_s),
+        collisions=deeds.collisions,
+        goals_reached=int(deeds.goal_distance_m <= scenario.fleet.team.goal_tolerance_m),
+        cpu_cores=sum(cost.cpu_cores for cost in own),
+        memory_mib=sum(cost.memory_mib for cost in own),
+        robot_id=robot_id,
+        exempt=any(robot_id in fault.hits for fault in scenario.faults),
+        stop_reason=runtime.stop_reason if runtime else "",
+        runtime_misses=runtime.deadline_misses if runtime else None,
+        stopped_ticks=runtime.faults if runtime else {},
+        refused_messages=fleet.refused if fleet else {},
+        accepted_messages=fleet.accepted if fleet else 0,
+        halts_s=halts(np.array(node.command_s), speed, period_s, recording.t0_s, recording.end_s),
+        goal_distance_m=deeds.goal_distance_m,
+        least_distance_m=deeds.least_distance_m,
+        greatest_speed_m_s=deeds.greatest_speed_m_s,
+        firmware_timeouts=node.timeouts,
+    )
+
+
+def _team(scenario: Scenario, recording: Recording, robots: Sequence[RobotQuality]) -> Quality:
+    driving = {robot.robot_id for robot in robots if not robot.exempt}
+    nodes = [node for node in recording.field.nodes if node.robot_id in driving or not driving]
+    timing = timing_of(nodes, recording, scenario.period_s)
+    ages = [_pose_ages(scenario, recording, node) for node in nodes]
+    return Quality(
+        achieved_rate_hz=timing.share / scenario.period_s,
+        achieved_rate_share=timing.share,
+        period_jitter_ms=timing.jitter_ms,
+        deadline_misses=timing.misses,
+        longest_burst=timing.longest_burst,
+        pose_to_command_age_ms=percentiles(np.concatenate(ages), 1e3),
+        fleet_message_age_ms=_worst(robot.fleet_message_age_ms for robot in robots),
+        fleet_used_age_ms=_worst(robot.fleet_used_age_ms for robot in robots),
+        objective_violations_share=float(np.mean([robot.objective_violations_share for robot in robots])),
+        collisions=sum(robot.collisions for robot in robots) // 2,
+        goals_reached=sum(robot.goals_reached for robot in robots),
+        cpu_cores=sum(cost.cpu_cores for cost in recording.costs),
+        memory_mib=sum(cost.memory_mib for cost in recording.costs),
+    )
+
+
+def timing_of(nodes: Sequence[NodeRecord], recording: Recording, period_s: float) -> Timing:
+    """Return what the arrivals at these firmwares say."""
+    begin_s, end_s = recording.t0_s, recording.end_s
+    whole = max(round((end_s - begin_s) / period_s), 1)
+    bursts, jitter_s = [], []
+    for node in nodes:
+        arrival_s = np.array(node.command_s)
+        bursts.append(missed_bursts(arrival_s, period_s, begin_s, end_s))
+        inside = arrival_s[(arrival_s >= begin_s) & (arrival_s < end_s)]
+        jitter_s.append(np.abs(np.diff(inside) - period_s))
+    every = np.concatenate(bursts)
+    share = 1.0 - max(int(burst.sum()) for burst in bursts) / whole
+    jitter_ms = percentiles(np.concatenate(jitter_s), 1e3)
+    return Timing(share, jitter_ms, int(every.sum()), int(every.max(initial=0)))
+
+
+def _pose_ages(scenario: Scenario, recording: Recording, node: NodeRecord) -> Floats:
+    decisions = recording.decisions[node.robot_id]
+    arrival_s = np.array(node.command_s)
+    inside = arrival_s[(arrival_s >= recording.t0_s) & (arrival_s < recording.end_s)]
+    tolerance_s = POSE_TOLERANCE_S[scenario.request.bridge]
+    return pose_ages(inside, decisions.decided_s, decisions.used_pose_s, np.array(node.pose_s), tolerance_s)
+
+
+def _worst(every: Iterable[Percentiles | None]) -> Percentiles | None:
+    known = [one for one in every if one is not None]
+    return max(known, key=lambda one: one.p99, default=None)
+
+
+def _machine(scenario: Scenario, recording: Recording) -> MachineQuality:
+    time_s, late_s = np.array(recording.probe.time_s), np.array(recording.probe.late_s)
+    beside = late_s[(time_s >= recording.t0_s) & (time_s < recording.end_s)]
+    return MachineQuality(
+        cores=len(os.sched_getaffinity(0)),
+        realtime=scenario.request.realtime,
+        wake_ms=percentiles(beside, 1e3),
+        plant_late_ms=percentiles(recording.field.late_s, 1e3),
+        others_cpu_cores=recording.others_cpu_cores,
+    )
+
+
+def _faults(scenario: Scenario, recording: Recording) -> tuple[FaultDone, ...]:
+    return tuple(
+        FaultDone(
+            kind=fault.kind,
+            at_s=fault.at_s,
+            for_s=fault.for_s if isinstance(fault, Lasting) else None,
+            details=msgspec.json.encode(fault).decode(),
+            done_s=recording.done_s.get(index),
+        )
+        for index, fault in enumerate(scenario.faults)
+    )

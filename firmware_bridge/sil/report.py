@@ -1,0 +1,122 @@
+"""What a run ends with: the records that ``--json`` writes and the table shows."""
+
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.rate import Percentiles
+
+Verdict = Literal["passed", "failed", "invalid"]
+
+
+class Quality(msgspec.Struct, frozen=True, kw_only=True):
+    """One robot's run, or the team's: the sum of counts, the least rate, the distribution over all."""
+
+    achieved_rate_hz: float
+    """Commands at the firmware, per second."""
+    achieved_rate_share: float
+    """Of the control rate."""
+    period_jitter_ms: Percentiles | None
+    """How far the intervals between commands are from the period."""
+    deadline_misses: int
+    """Ticks whose command did not reach the firmware in their own period."""
+    longest_burst: int
+    """Most of them in a row."""
+    pose_to_command_age_ms: Percentiles | None
+    """From the measurement of the pose that a command rests on to its arrival at the firmware."""
+    fleet_message_age_ms: Percentiles | None
+    """Of accepted messages when they were taken; the team's is the worst robot's."""
+    fleet_used_age_ms: Percentiles | None
+    """Of the teammates' states that the policy was given, tick by tick; the team's is the worst robot's."""
+    objective_violations_share: float
+    """Of the time, any objective with a limit; the team's is the mean."""
+    collisions: int
+    """Contacts begun; the team's counts each once."""
+    goals_reached: int
+    """Robots at their goals at the end."""
+    cpu_cores: float
+    """Processor time over time, of the robot's processes; the team's of all."""
+    memory_mib: float
+    """Resident at the end, of the robot's processes; the team's of all."""
+
+
+class RobotQuality(Quality, frozen=True, kw_only=True):
+    """One robot."""
+
+    robot_id: int
+    exempt: bool
+    """A fault took it out: no limit holds of it."""
+    stop_reason: str
+    """The runtime's own words; empty if it could not say any."""
+    runtime_misses: int | None
+    """Deadlines that the runtime itself counted as missed, from its start to its end."""
+    stopped_ticks: dict[str, int]
+    """Ticks in which the runtime commanded rest, by reason, from its start to its end."""
+    refused_messages: dict[str, int]
+    """Fleet messages that the runtime dropped, by reason."""
+    accepted_messages: int
+    halts_s: tuple[tuple[float, float], ...]
+    """(from, to) of each time that the firmware was told to rest or told nothing, in the run's time."""
+    goal_distance_m: float
+    least_distance_m: float | None
+    greatest_speed_m_s: float
+    firmware_timeouts: int
+
+
+class ProcessCost(msgspec.Struct, frozen=True, kw_only=True):
+    """One process, from the beginning of the measurement to its end."""
+
+    name: str
+    cpu_cores: float
+    memory_mib: float
+    """Resident at the end."""
+    memory_growth_mib: float
+    """Since the end of the first quarter of the run, when everything has been touched once."""
+
+
+class MachineQuality(msgspec.Struct, frozen=True, kw_only=True):
+    """How quiet the machine was."""
+
+    cores: int
+    realtime: bool
+    wake_ms: Percentiles | None
+    """Lateness of a process that only sleeps, beside the run and scheduled like it."""
+    plant_late_ms: Percentiles | None
+    """Lateness of the plant's own steps."""
+    others_cpu_cores: float
+    """Taken by processes other than the run's, and stolen."""
+
+
+class FaultDone(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of the timeline, as it was done."""
+
+    kind: str
+    at_s: float
+    for_s: float | None
+    details: str
+    """The line of the file, as JSON."""
+    done_s: float | None
+    """When the harness did it; None where a process of its own followed the timeline by itself."""
+
+
+class SilReport(msgspec.Struct, frozen=True, kw_only=True):
+    """A finished run."""
+
+    bridge: str
+    robots_count: int
+    rate_hz: float
+    duration_s: float
+    """As measured; shorter than asked for if the run was cut short."""
+    policy: str
+    robots: tuple[RobotQuality, ...]
+    team: Quality
+    processes: tuple[ProcessCost, ...]
+    machine: MachineQuality
+    faults: tuple[FaultDone, ...]
+    ended: tuple[str, ...]
+    """Processes that ended though nobody asked them to, with their last words."""
+    broken: tuple[str, ...]
+    """Limits that were not kept."""
+    disturbed: tuple[str, ...]
+    """Why the machine was not quiet enough for the run to prove anything."""
+    verdict: Verdict

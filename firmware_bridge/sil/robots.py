@@ -1,0 +1,75 @@
+"""How the harness starts each robot: the very command that a user would type."""
+
+from pathlib import Path
+
+from firmware_bridge.frames import rotate
+from firmware_bridge.sil.can_node import PROFILE
+from firmware_bridge.sil.mavlink_node import AUTOPILOT
+from firmware_bridge.sil.scenario import GUARD_PERIODS, Scenario, Station
+from firmware_bridge.sil.team_file import HOST
+
+MODULE = "edge_runtime.run"
+STARTING_S = 120.0
+"""Added to a robot's --duration: the harness ends it long before, when the run is over."""
+LONGEST_GUARD_DEADLINE_S = 1.0
+
+
+def robot_arguments(scenario: Scenario, station: Station) -> list[str]:
+    """Return edge-run's arguments for one robot."""
+    request = scenario.request
+    deadline_s = min(GUARD_PERIODS * scenario.period_s, LONGEST_GUARD_DEADLINE_S)
+    arguments = {
+        "--robot-id": station.robot_id,
+        "--fleet": station.fleet_file,
+        "--rate": request.rate_hz,
+        "--duration": request.duration_s + STARTING_S,
+        "--json": report_path(scenario, station.robot_id),
+        "--guard-deadline": deadline_s,
+        "--seed": station.robot_id,
+    }
+    if request.policy is not None:
+        arguments["--policy"] = request.policy
+    arguments |= _link(scenario, station)
+    words = [str(word) for pair in arguments.items() for word in pair]
+    return [
+        *words,
+        *_pose(scenario, station),
+        "--arm",
+        "--stay",
+        *(["--realtime"] if request.realtime else []),
+    ]
+
+
+def report_path(scenario: Scenario, robot_id: int) -> Path:
+    """Return where a robot's own report goes."""
+    return scenario.folder / f"robot_{robot_id}.json"
+
+
+def log_folder(scenario: Scenario, robot_id: int) -> Path:
+    """Return where a robot's log goes: the user's folder, or one that goes away with the run."""
+    return (scenario.request.log_dir or scenario.folder) / f"robot_{robot_id}"
+
+
+def _link(scenario: Scenario, station: Station) -> dict[str, object]:
+    if scenario.request.bridge == "can":
+        return {"--bridge": "can", "--bus": station.wire, "--profile": PROFILE}
+    return {
+        "--bridge": "mavlink",
+        "--mavlink": f"udpout:{HOST}:{station.wire}",
+        "--mavlink-autopilot": AUTOPILOT,
+        "--mavlink-point-ahead": scenario.ahead_m,
+    }
+
+
+def _pose(scenario: Scenario, station: Station) -> list[str]:
+    """CAN has no positions: the robot is told where its axle starts."""
+    if scenario.request.bridge != "can":
+        return []
+    x, y, heading = axle(station, scenario.ahead_m)
+    return ["--pose", f"{x:.6f}", f"{y:.6f}", f"{heading:.6f}"]
+
+
+def axle(station: Station, ahead_m: float) -> tuple[float, float, float]:
+    """Return x, y and heading of the axle of a robot whose disc is at its start."""
+    back_x, back_y = rotate((ahead_m, 0.0), station.heading_rad)
+    return station.start_m[0] - back_x, station.start_m[1] - back_y, station.heading_rad

@@ -1,0 +1,170 @@
+"""One run of ``edge-sil``, put together from its flags and files, and checked before anything starts."""
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
+from edge_runtime.config import Fleet, load_fleet
+from edge_runtime.errors import ConfigError
+from edge_runtime.messages import Vector2
+from edge_runtime.mission import Mission
+from edge_runtime.realtime import PRIORITY
+from edge_runtime.toml_file import Table, read_toml, refuse
+from firmware_bridge.can_profile import load_profile, profile_path
+from firmware_bridge.sil.can_node import PROFILE
+from firmware_bridge.sil.faults import AnyFault, ClockJump, NetworkFault, load_faults
+from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, load_limits
+from firmware_bridge.sil.team_file import (
+    free_ports,
+    generated_team,
+    resolved,
+    write_fleets,
+    write_key,
+)
+from firmware_bridge.sil.wall_clock import find_libfaketime
+
+BridgeKind = Literal["can", "mavlink"]
+ROBOTS = 4
+GUARD_PERIODS = 3
+"""The guard's deadline in control periods, its own default where that is at most 0.1 s."""
+POINT_AHEAD_M = 0.2
+"""MAVLink: the point that is steered, ahead of the rover's axle."""
+
+
+class Request(msgspec.Struct, frozen=True, kw_only=True):
+    """The flags, as parsed."""
+
+    robots: int | None = None
+    """None: the fleet file's, or `ROBOTS`."""
+    bridge: BridgeKind = "can"
+    rate_hz: float = 50.0
+    duration_s: float = 30.0
+    fleet: Path | None = None
+    policy: Path | None = None
+    faults: Path | None = None
+    limits: Path = DEFAULT_LIMITS
+    realtime: bool = False
+    log_dir: Path | None = None
+
+
+class Station(msgspec.Struct, frozen=True):
+    """Where one robot's processes find everything."""
+
+    robot_id: int
+    fleet_file: str
+    wire: str
+    """CAN: the bus's address; MAVLink: the firmware's port."""
+    port: int
+    """Where it hears its team."""
+    start_m: Vector2
+    goal_m: Vector2
+    heading_rad: float
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A run, ready to be started."""
+
+    request: Request
+    fleet: Fleet
+    bundle: Bundle
+    stations: tuple[Station, ...]
+    relays: tuple[tuple[int, int], ...]
+    """(robot id, port) of each robot's relay; none where the network has no faults."""
+    faults: tuple[AnyFault, ...]
+    limits: Limits
+    folder: Path
+    """For everything that the run writes and nobody keeps."""
+
+    @property
+    def period_s(self) -> float:
+        """The control period."""
+        return 1.0 / self.request.rate_hz
+
+    @property
+    def ahead_m(self) -> float:
+        """Distance from a base's axle to the point that it steers."""
+        if self.request.bridge == "mavlink":
+            return POINT_AHEAD_M
+        return load_profile(profile_path(PROFILE)).base.reference_m
+
+
+def prepare(request: Request, folder: Path) -> Scenario:
+    """Check a request and write its fleet files.
+
+    Raises:
+        EdgeError: one line that says what does not hold together.
+    """
+    limits = load_limits(request.limits)
+    table = _team_table(request, folder)
+    robots = tuple(robot["id"] for robot in table["robots"])
+    faults = load_faults(request.faults, robots, request.duration_s, request.bridge) if request.faults else ()
+    _check_rights(request, faults)
+    ports = free_ports(3 * len(robots))
+    own = dict(zip(robots, ports, strict=False))
+    wires = dict(zip(robots, ports[len(robots) :], strict=False))
+    network = any(isinstance(fault, NetworkFault) for fault in faults)
+    relays = dict(zip(robots, ports[2 * len(robots) :], strict=False)) if network else {}
+    files = write_fleets(table, robots, own, relays, folder)
+    fleet = load_fleet(files[robots[0]])
+    bundle = load_bundle(request.policy) if request.policy else _fleet_bundle(fleet)
+    for robot_id in robots:
+        Mission(robot_id, fleet, bundle, fleet.steering, request.rate_hz)
+    stations = tuple(
+        _station(fleet, robot_id, files[robot_id], _wire(request.bridge, wires[robot_id]), own[robot_id])
+        for robot_id in robots
+    )
+    return Scenario(request, fleet, bundle, stations, tuple(relays.items()), faults, limits, folder)
+
+
+def _team_table(request: Request, folder: Path) -> Table:
+    if request.fleet is None:
+        write_key(folder / "team.key")
+        return resolved(generated_team(ROBOTS if request.robots is None else request.robots), folder)
+    path = request.fleet
+    load_fleet(path)
+    table = read_toml(path)
+    if "carrier" not in table:
+        refuse(path, "carrier", 'missing: processes need a network; add [carrier] key = "team.key"')
+    robots = [robot["id"] for robot in table["robots"]]
+    if request.robots not in (None, len(robots)):
+        refuse(path, "robots", f"{len(robots)}, but --robots asks for {request.robots}")
+    return resolved(table, path.resolve().parent)
+
+
+def _check_rights(request: Request, faults: tuple[AnyFault, ...]) -> None:
+    if any(isinstance(fault, ClockJump) for fault in faults):
+        find_libfaketime()
+    if request.realtime:
+        before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except OSError as error:
+            raise ConfigError(
+                f"--realtime was refused ({error.strerror}): it needs CAP_SYS_NICE; run without it"
+            ) from error
+        os.sched_setscheduler(0, before, parameters)
+
+
+def _wire(bridge: BridgeKind, port: int) -> str:
+    if bridge == "mavlink":
+        return str(port)
+    # One group for all: the port tells the buses apart.
+    return f"udp_multicast:239.75.{port >> 8}.{max(port & 0xFF, 1)}?port={port}"
+
+
+def _station(fleet: Fleet, robot_id: int, file: Path, wire: str, port: int) -> Station:
+    robot = fleet.robot(robot_id)
+    to_goal = (robot.goal_m[0] - robot.start_m[0], robot.goal_m[1] - robot.start_m[1])
+    heading = math.atan2(to_goal[1], to_goal[0])
+    return Station(robot_id, str(file), wire, port, robot.start_m, robot.goal_m, heading)
+
+
+def _fleet_bundle(fleet: Fleet) -> Bundle:
+    name = fleet.team.policy
+    return load_bundle(Path(name)) if "/" in name else packaged_bundle(name)

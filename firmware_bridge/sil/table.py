@@ -1,0 +1,79 @@
+"""What a person sees of a run."""
+
+from edge_runtime.rate import Percentiles
+from firmware_bridge.sil.report import Quality, RobotQuality, SilReport
+
+_COLOURS = {"passed": 32, "failed": 31, "invalid": 33}
+
+
+def table(report: SilReport, *, colour: bool) -> str:
+    """Return the report as text: a line a robot, the team, the machine, the verdict."""
+    head = (
+        "",
+        "rate",
+        "jitter ms",
+        "missed",
+        "pose to command ms",
+        "message age ms",
+        "violated",
+        "collisions",
+        "goal",
+        "CPU",
+        "MiB",
+    )
+    rows = [head, *(_row(f"robot {r.robot_id}", r) for r in report.robots), _row("team", report.team)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([_title(report), *lines, "", *_notes(report), _verdict(report, colour)])
+
+
+def _title(report: SilReport) -> str:
+    scheduling = "real-time scheduling" if report.machine.realtime else "ordinary scheduling"
+    return (
+        f"{report.robots_count} robots, policy {report.policy}, bridge {report.bridge}, "
+        f"{report.rate_hz:g} Hz, {report.duration_s:.1f} s, {scheduling}; "
+        "ages and jitter p50 / p99 / p99.9 / max"
+    )
+
+
+def _row(name: str, quality: Quality) -> tuple[str, ...]:
+    goal = f"{quality.goals_reached}"
+    if isinstance(quality, RobotQuality):
+        goal = ("reached" if quality.goals_reached else f"{quality.goal_distance_m:.2f} m away") + (
+            ", exempt" if quality.exempt else ""
+        )
+    return (
+        name,
+        f"{quality.achieved_rate_share:.2%}",
+        _distribution(quality.period_jitter_ms),
+        f"{quality.deadline_misses} (burst {quality.longest_burst})",
+        _distribution(quality.pose_to_command_age_ms),
+        _distribution(quality.fleet_message_age_ms),
+        f"{quality.objective_violations_share:.1%}",
+        f"{quality.collisions}",
+        goal,
+        f"{quality.cpu_cores:.2f}",
+        f"{quality.memory_mib:.0f}",
+    )
+
+
+def _distribution(values: Percentiles | None) -> str:
+    if values is None:
+        return "-"
+    return f"{values.p50:.2f} / {values.p99:.2f} / {values.p99_9:.2f} / {values.max:.2f}"
+
+
+def _notes(report: SilReport) -> list[str]:
+    machine = report.machine
+    lines = [
+        f"machine: {machine.cores} cores, wake-up late by ms {_distribution(machine.wake_ms)}, "
+        f"others took {machine.others_cpu_cores:.2f} cores"
+    ]
+    lines += [f"fault: {fault.details}" for fault in report.faults]
+    return lines
+
+
+def _verdict(report: SilReport, colour: bool) -> str:
+    word = f"\x1b[{_COLOURS[report.verdict]}m{report.verdict}\x1b[0m" if colour else report.verdict
+    reasons = (*(f"disturbed: {reason}" for reason in report.disturbed), *report.broken)
+    return "\n".join([f"verdict: {word}", *(f"  {reason}" for reason in reasons)])

@@ -1,0 +1,76 @@
+"""What the team did, as the plant knows it: goals, collisions, objectives broken."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from edge_runtime.messages import Vector2
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from firmware_bridge.sil.world import World
+
+
+class Deeds(msgspec.Struct, frozen=True):
+    """One robot's part in a run, from the beginning of the measurement to its end."""
+
+    goal_distance_m: float
+    """At the end."""
+    collisions: int
+    """Contacts with other robots, counted when they begin."""
+    violated_s: float
+    """Time during which any objective with a limit was broken."""
+    least_distance_m: float | None
+    """To any other robot's centre; None for a robot alone."""
+    greatest_speed_m_s: float
+
+
+class Truth:
+    """Follows the plant step by step; speed limits and safety margins are judged, nothing else has a limit.
+
+    Args:
+        world: the plant.
+        goals_m: of the robots, in its order.
+        objectives: what the team is asked.
+        period_s: of one step.
+    """
+
+    def __init__(
+        self, world: World, goals_m: Sequence[Vector2], objectives: Sequence[Objective], period_s: float
+    ) -> None:
+        robots = len(goals_m)
+        self._world, self._goals_m, self._period_s = world, np.array(goals_m), period_s
+        self._speed_m_s = min(
+            (o.limit_m_s for o in objectives if isinstance(o, SpeedLimit)), default=math.inf
+        )
+        self._margin_m = max((o.distance_m for o in objectives if isinstance(o, SafetyMargin)), default=0.0)
+        self._touching = np.zeros((robots, robots), bool)
+        self._collisions = np.zeros(robots, np.int64)
+        self._violated_steps = np.zeros(robots, np.int64)
+        self._least = np.full(robots, math.inf)
+        self._greatest = np.zeros(robots)
+
+    def follow(self) -> None:
+        """Take the step just done into account."""
+        distances, speeds = self._world.distances_m(), self._world.speeds_m_s()
+        touching = distances <= 2.0 * self._world.plant.radius_m
+        self._collisions += (touching & ~self._touching).sum(1)
+        self._touching = touching
+        nearest = distances.min(1)
+        self._violated_steps += (speeds > self._speed_m_s) | (nearest < self._margin_m)
+        self._least = np.minimum(self._least, nearest)
+        self._greatest = np.maximum(self._greatest, speeds)
+
+    def deeds(self) -> tuple[Deeds, ...]:
+        """Sum up, in the world's order."""
+        offset = self._world.plant.position_m - self._goals_m
+        return tuple(
+            Deeds(
+                float(math.hypot(*offset[robot])),
+                int(self._collisions[robot]),
+                float(self._violated_steps[robot] * self._period_s),
+                float(self._least[robot]) if math.isfinite(self._least[robot]) else None,
+                float(self._greatest[robot]),
+            )
+            for robot in range(len(offset))
+        )

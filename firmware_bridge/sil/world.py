@@ -1,0 +1,87 @@
+"""The plant that the firmware nodes drive: the manifest's dynamics, VMAS's contacts, wheels that turn.
+
+A robot's disc sits on the point that its base steers (`firmware_bridge.base_kinematics.Base.reference_m`
+ahead of the axle), which can move in any direction: forward with the wheels, sideways with the yaw rate. Its
+firmware follows a commanded motion as hard as the manifest's action limits allow.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from edge_runtime.manifest import Manifest
+from edge_runtime.messages import Vector2
+from edge_runtime.scene import Floats
+from firmware_bridge.frames import rotate, wrap
+from firmware_bridge.plant import Plant
+
+
+class Pose(NamedTuple):
+    """A base as its firmware could measure it, in the team's frame (ENU)."""
+
+    position_m: Vector2
+    """Of the axle."""
+    heading_rad: float
+    forward_m_s: float
+    yaw_rad_s: float
+
+
+class World:
+    """N robots on differential bases, at rest.
+
+    Args:
+        manifest: dynamics, body and action limits of every robot.
+        starts_m: where the discs are.
+        headings_rad: where the bases look.
+        ahead_m: distance from the axle to the disc's centre; positive.
+        period_s: of one step.
+    """
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        starts_m: Sequence[Vector2],
+        headings_rad: Sequence[float],
+        ahead_m: float,
+        period_s: float,
+    ) -> None:
+        self.plant = Plant(manifest.dynamics.at_period(period_s), manifest.body.radius_m, starts_m)
+        self._headings = list(headings_rad)
+        self._ahead_m, self._period_s = ahead_m, period_s
+        x, y = manifest.action
+        self._low, self._high = np.array([x.low, y.low]), np.array([x.high, y.high])
+        preview = self.plant.dynamics.preview(1)
+        self._keep, self._gain = preview.velocity_decay, preview.velocity_gain
+
+    def step(self, motions: Sequence[Vector2]) -> None:
+        """Advance one period while each robot follows (forward m/s, yaw rad/s)."""
+        pairs = zip(motions, self._headings, strict=True)
+        wanted = np.array(
+            [rotate((forward, self._ahead_m * yaw), heading) for (forward, yaw), heading in pairs]
+        )
+        force = (wanted - self._keep * self.plant.velocity_m_s) / self._gain
+        self.plant.step(np.clip(force, self._low, self._high))
+        for robot in range(len(self._headings)):
+            self._headings[robot] = wrap(self._headings[robot] + self._period_s * self.pose(robot).yaw_rad_s)
+
+    def pose(self, robot: int) -> Pose:
+        """Return what the firmware of the robot at this place in the order measures."""
+        x, y = self.plant.position_m[robot].tolist()
+        v_x, v_y = self.plant.velocity_m_s[robot].tolist()
+        heading = self._headings[robot]
+        back_x, back_y = rotate((self._ahead_m, 0.0), heading)
+        forward, left = rotate((v_x, v_y), -heading)
+        return Pose((x - back_x, y - back_y), heading, forward, left / self._ahead_m)
+
+    def speeds_m_s(self) -> Floats:
+        """Return the discs' speeds (N,)."""
+        return np.hypot(self.plant.velocity_m_s[:, 0], self.plant.velocity_m_s[:, 1])
+
+    def distances_m(self) -> Floats:
+        """Return the distances between the discs' centres (N, N), infinite from each to itself."""
+        apart = self.plant.position_m[:, None] - self.plant.position_m[None]
+        distances: Floats = np.hypot(apart[..., 0], apart[..., 1])
+        np.fill_diagonal(distances, math.inf)
+        return distances
