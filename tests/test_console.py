@@ -1,8 +1,16 @@
 """What a person reads: verdicts, colour only where it belongs."""
 
 import io
+import os
+import pty
+import select
+import subprocess
+import sys
+import termios
+import time
 
 import pytest
+from bundles import write_straight_bundle
 from msgspec.structs import replace
 
 from edge_runtime.console import summary, use_colour
@@ -82,3 +90,27 @@ def test_colour_belongs_to_terminals_that_want_it(monkeypatch):
     assert not use_colour(io.StringIO())
     monkeypatch.setenv("NO_COLOR", "1")
     assert not use_colour(Terminal())
+
+
+def test_a_terminal_that_takes_no_text_holds_up_nothing(tmp_path):
+    """Ctrl-S on the terminal of a run: it drives on, ends in time, and says so when text is taken again."""
+    bundle = write_straight_bundle(tmp_path / "straight")
+    report = tmp_path / "run.json"
+    flags = ["--robot-id", "0", "--policy", bundle, "--rate", "50", "--duration", "1", "--json", report]
+    controller, terminal = pty.openpty()
+    termios.tcflow(terminal, termios.TCOOFF)
+    with subprocess.Popen([sys.executable, "-m", "edge_runtime.run", *flags], stdout=terminal) as process:
+        until_s = time.monotonic() + 30
+        while not (report.exists() and report.read_bytes()):  # written after the loop has ended
+            assert process.poll() is None
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+        assert not select.select([controller], [], [], 0)[0]
+        termios.tcflow(terminal, termios.TCOON)
+        shown = b""
+        while b"faults" not in shown:
+            shown += os.read(controller, 65536)
+        assert process.wait(timeout=20) == 0
+    os.close(terminal)
+    os.close(controller)
+    assert b"stopped     duration" in shown

@@ -26,6 +26,15 @@ Show every robot of a team: goals, speed and separation against their limits, ra
 costs of the objectives, conflicts, times of each stage, ages of messages, why a robot stands.
 It runs on the machine that [watch] of the fleet file names; robots send there and never listen to it."""
 EPILOG: Final = """\
+columns:
+  state    driving, stopped (the reason is below), silent for a second or more, or a clock that is far off:
+           then it may be a recording
+  speed, nearest, rate   measured / limit, margin, asked for
+  set      version of the objectives that the robot follows
+  cost     for each objective: what it asks, its cost (0: kept), share of steps in conflict with another
+  p50/p99  of the last 2 s, for the tick and each of its stages
+  age      of what each robot knew of the others in its newest tick
+
 keys: q or Ctrl-C ends
 
 exit codes:

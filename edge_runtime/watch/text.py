@@ -66,7 +66,7 @@ def missed(status: Status) -> Cell:
 
 def milliseconds(span: Span) -> str:
     """Median and 99th percentile."""
-    return f"{span.p50 / 1e3:.2f}/{span.p99 / 1e3:.2f}"
+    return f"{_three_digits(span.p50 / 1e3)}/{_three_digits(span.p99 / 1e3)}"
 
 
 def objective(item: ObjectiveStatus) -> Cell:
@@ -74,3 +74,7 @@ def objective(item: ObjectiveStatus) -> Cell:
     cost = f"{item.cost:.3f}" if item.cost < 100.0 else f"{item.cost:.2g}"
     parts = [printable(item.limit), cost, f"{item.conflicts:.0%}" if item.conflicts else ""]
     return Cell("  ".join(filter(None, parts)), item.cost == 0.0 or None)
+
+
+def _three_digits(value: float) -> str:
+    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"

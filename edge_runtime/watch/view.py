@@ -32,7 +32,7 @@ class TeamView:
         yield _robots(self._team)
         yield from _stop_reasons(self._team)
         if statuses:
-            yield Group(Text(), _guidance(statuses))
+            yield Group(Text(), _objectives(statuses))
             yield Group(Text(), _times(statuses))
             yield Group(Text(), _ages(statuses))
 
@@ -74,56 +74,52 @@ def _robots(team: WatchedTeam) -> Table:
 
 
 def _stop_reasons(team: WatchedTeam) -> list[Text]:
+    """One line for each reason, with all whom it stops."""
+    stopped: dict[str, list[str]] = {}
+    for robot_id, heard in team.heard.items():
+        if heard and heard.status.stop_reason and not team.silent(robot_id):
+            stopped.setdefault(heard.status.stop_reason, []).append(str(robot_id))
     return [
-        Text(f"  robot {robot_id} stopped: {text.printable(heard.status.stop_reason)}", "red")
-        for robot_id, heard in team.heard.items()
-        if heard and heard.status.stop_reason and not team.silent(robot_id)
+        Text(f"stopped {', '.join(robots)}: {text.printable(reason)}", "red")
+        for reason, robots in stopped.items()
     ]
 
 
-def _guidance(statuses: list[Status]) -> Table:
+def _objectives(statuses: list[Status]) -> Table:
     """One column for each objective that any robot follows, by its place and name."""
     places = dict.fromkeys(
         (place, objective.name) for status in statuses for place, objective in enumerate(status.objectives)
     )
-    table = _table("robot", *(text.printable(name) for _, name in places))
+    table = _table("cost", *(text.printable(name) for _, name in places))
     for status in statuses:
-        cells = [text.Cell(str(status.robot_id))]
-        costs = {(place, item.name): item for place, item in enumerate(status.objectives)}
-        for place in places:
-            item = costs.get(place)
-            cells.append(text.Cell("-") if item is None else text.objective(item))
-        table.add_row(*map(_styled, cells))
-    table.title = "objectives: what each asks, its cost (0: kept), share of steps in conflict"
+        items = {(place, item.name): item for place, item in enumerate(status.objectives)}
+        cells = [text.objective(items[place]) if place in items else text.Cell("-") for place in places]
+        table.add_row(str(status.robot_id), *map(_styled, cells))
     return table
 
 
 def _times(statuses: list[Status]) -> Table:
     stages = dict.fromkeys(stage for status in statuses for stage in status.stages)
-    table = _table("robot", "tick", *map(text.printable, stages))
+    table = _table("p50/p99 ms", "tick", *map(text.printable, stages), gap=1)
     for status in statuses:
         spans = (status.stages.get(stage) for stage in stages)
         cells = [text.milliseconds(span) if span else "-" for span in spans]
         table.add_row(str(status.robot_id), text.milliseconds(status.tick), *cells)
-    table.title = "times in ms, p50/p99 of the last 2 s"
     return table
 
 
 def _ages(statuses: list[Status]) -> Table:
     robots = sorted({robot_id for status in statuses for robot_id in status.ages_s})
-    table = _table("robot", *(f"of {robot_id}" for robot_id in robots))
+    table = _table("age ms", *(f"of {robot_id}" for robot_id in robots))
     for status in statuses:
         ages = (status.ages_s.get(robot_id) for robot_id in robots)
         cells = ["-" if age_s is None else f"{1e3 * age_s:.0f}" for age_s in ages]
         table.add_row(str(status.robot_id), *cells)
-    table.title = "age in ms of what each robot knows of the others"
     return table
 
 
-def _table(*columns: str) -> Table:
-    table = Table(
-        box=None, pad_edge=False, header_style="dim", title_justify="left", title_style="bold", padding=(0, 1)
-    )
+def _table(*columns: str, gap: int = 2) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
     for index, column in enumerate(columns):
         table.add_column(column, no_wrap=True, justify="left" if index == 0 else "right", overflow="ellipsis")
     return table
