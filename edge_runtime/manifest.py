@@ -32,12 +32,14 @@ class ActionField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     high: float
 
 
-class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The robot that the policy was trained for: its disc and its range sensor."""
 
     radius_m: float
     lidar_rays: int
     lidar_range_m: float
+    lidar_start_rad: float = 0.0
+    """Direction of the first ray, from x counter-clockwise; the others follow evenly."""
 
 
 class Network(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

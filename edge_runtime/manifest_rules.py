@@ -102,6 +102,7 @@ def _check_body(rules: _Rules, body: Body) -> None:
     rules.require(body.lidar_rays >= 0, "body.lidar_rays", body.lidar_rays, "0 (no sensor) or more")
     if body.lidar_rays:
         rules.positive("body.lidar_range_m", body.lidar_range_m)
+        rules.finite("body.lidar_start_rad", body.lidar_start_rad)
     else:
         rules.require(body.lidar_range_m == 0, "body.lidar_range_m", body.lidar_range_m, "0 without rays")
 

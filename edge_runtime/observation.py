@@ -1,10 +1,10 @@
 """The policy's input, composed in the order of the manifest's fields: SI units, the team's frame.
 
-``goal_offset`` is position minus goal. ``proximity`` is the sensor's range minus its readings, so that
-free space is zero. Without a real sensor the readings are computed from the teammates' discs as VMAS
-1.5.2 computes them: rays point along fixed directions of the team's frame, the first along x, and start
-at the robot's centre; a disc counts only if its centre lies ahead; the reading is the first crossing with
-its rim, below zero where the ray starts inside the disc, and never above the sensor's range.
+``goal_offset`` is position minus goal. ``ranges`` are the sensor's readings, ``proximity`` its range minus
+its readings, so that free space is zero. Without a real sensor the readings are computed from the
+teammates' discs as VMAS 1.5.2 computes them: rays point along fixed directions of the team's frame and
+start at the robot's centre; a disc counts only if its centre lies ahead; the reading is the first crossing
+with its rim, below zero where the ray starts inside the disc, and never above the sensor's range.
 """
 
 import math
@@ -19,7 +19,7 @@ from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.scene import Floats, TeamBatch
 from edge_runtime.weights import Array
 
-SOURCES = ("position", "velocity", "goal_offset", "proximity")
+SOURCES = ("position", "velocity", "goal_offset", "proximity", "ranges")
 """The fields that can be composed here; a policy with others runs only where its simulation observes."""
 
 
@@ -35,16 +35,11 @@ class Observer:
     """
 
     def __init__(self, manifest: Manifest, goal_m: Vector2) -> None:
-        missing = [field.name for field in manifest.observation if field.name not in SOURCES]
-        if missing:
-            raise PolicyError(
-                f"policy {manifest.name} observes {', '.join(missing)}, for which robots have no source yet: "
-                f"choose a policy that observes only {', '.join(SOURCES)}"
-            )
+        _check_sources(manifest)
         self.goal_m = goal_m
         self._body = manifest.body
         self._fields = tuple(field.name for field in manifest.observation)
-        self._rays: list[Vector2] = [(x, y) for x, y in ray_directions(manifest.body.lidar_rays).tolist()]
+        self._rays: list[Vector2] = [(x, y) for x, y in ray_directions(manifest.body).tolist()]
         self._vector = np.zeros((1, manifest.observation_dim), np.float32)
 
     def observe(self, team: TeamState, ranges_m: Sequence[float] | None = None) -> Array:
@@ -69,14 +64,24 @@ class Observer:
             "velocity": velocity,
             "goal_offset": (position[0] - self.goal_m[0], position[1] - self.goal_m[1]),
             "proximity": [reach - reading for reading in ranges_m],
+            "ranges": ranges_m,
         }
         self._vector[0] = [value for name in self._fields for value in parts[name]]
         return self._vector
 
 
-def ray_directions(count: int) -> Floats:
-    """Unit vectors (R, 2) of the sensor's rays, evenly spread, the first along x."""
-    angle = np.arange(count) * (2.0 * math.pi / max(count, 1))
+def _check_sources(manifest: Manifest) -> None:
+    missing = [field.name for field in manifest.observation if field.name not in SOURCES]
+    if missing:
+        raise PolicyError(
+            f"policy {manifest.name} observes {', '.join(missing)}, for which robots have no source yet: "
+            f"choose one that observes only {', '.join(SOURCES)}"
+        )
+
+
+def ray_directions(body: Body) -> Floats:
+    """Unit vectors (R, 2) of the sensor's rays, evenly spread."""
+    angle = body.lidar_start_rad + np.arange(body.lidar_rays) * (2.0 * math.pi / max(body.lidar_rays, 1))
     return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
@@ -109,19 +114,25 @@ def observe_batch(manifest: Manifest, team: TeamBatch, goal_m: Floats) -> Array:
     """Compose the observations of B robots with goals (B, 2): (B, O).
 
     A non-finite state leaves its own row non-finite.
+
+    Raises:
+        PolicyError: if the policy observes something that has no source here.
     """
+    _check_sources(manifest)
+    ranges = disc_ranges_batch(team, manifest.body)
     parts = {
         "position": team.position_m,
         "velocity": team.velocity_m_s,
         "goal_offset": team.position_m - goal_m,
-        "proximity": manifest.body.lidar_range_m - disc_ranges_batch(team, manifest.body),
+        "proximity": manifest.body.lidar_range_m - ranges,
+        "ranges": ranges,
     }
     return np.concatenate([parts[field.name] for field in manifest.observation], -1).astype(np.float32)
 
 
 def disc_ranges_batch(team: TeamBatch, body: Body) -> Floats:
     """Readings (B, R) of B sensors, in m."""
-    rays = ray_directions(body.lidar_rays)
+    rays = ray_directions(body)
     offset = team.mate_position_m - team.position_m[:, None]
     ahead = offset @ rays.T
     aside = offset @ np.stack([rays[:, 1], -rays[:, 0]])

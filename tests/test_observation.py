@@ -120,7 +120,7 @@ def test_a_real_sensor_takes_the_place_of_the_computed_one():
 )
 @settings(max_examples=100, deadline=None)
 def test_readings_never_exceed_the_range_nor_depend_on_the_order(x, y, discs):
-    rays = [tuple(ray) for ray in ray_directions(12).tolist()]
+    rays = [tuple(ray) for ray in ray_directions(MANIFEST.body).tolist()]
     found = disc_ranges((x, y), discs, rays, MANIFEST.body)
     assert found == disc_ranges((x, y), discs[::-1], rays, MANIFEST.body)
     assert all(-MANIFEST.body.radius_m <= reading <= MANIFEST.body.lidar_range_m for reading in found)

@@ -1,9 +1,12 @@
 """The sampling scenario against VMAS itself."""
 
+import numpy as np
 import pytest
 import torch
 import vmas
 
+from edge_runtime.observation import disc_ranges_batch
+from edge_runtime.scene import TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.sampling import FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
 from export.scenarios.scenario import EpisodeMetrics
@@ -65,6 +68,26 @@ def test_episodes_are_vmas_own(reference):
     torch.testing.assert_close(scenario.nominal(), total)
     assert seen > 500
     assert walled > 50
+
+
+def test_a_robot_computes_the_same_ranges():
+    scenario = sampling(500)
+    position = scenario.motion()[0] * 0.15
+    state = scenario.state_dict()
+    scenario.load_state_dict({**state, "position": position})
+    places = position.double().numpy()
+    views = TeamBatch(
+        robot_id=np.zeros(500, np.int64),
+        position_m=places[:, 0],
+        velocity_m_s=np.zeros((500, 2)),
+        mate_id=np.tile([1, 2], (500, 1)),
+        mate_position_m=places[:, 1:],
+        mate_velocity_m_s=np.zeros((500, 2, 2)),
+        mate_action=np.zeros((500, 2, 2)),
+    )
+    wanted = scenario.observe()[:, 0, 4:16].numpy()
+    np.testing.assert_allclose(disc_ranges_batch(views, FACTS.body), wanted, atol=1e-4)
+    assert (wanted < FACTS.body.lidar_range_m).sum() > 500
 
 
 def test_motion_is_what_the_policy_observes_of_itself():

@@ -8,7 +8,7 @@ from torch import Tensor
 from edge_runtime.manifest import Body
 
 
-def disc_ranges(position: Tensor, body: Body, first_ray_rad: float) -> Tensor:
+def disc_ranges(position: Tensor, body: Body) -> Tensor:
     """Readings (B, N, R) in metres of the sensors of robots at ``position`` (B, N, 2).
 
     The rays turn counter-clockwise. A disc counts where its centre lies ahead of the ray; the reading is
@@ -16,9 +16,8 @@ def disc_ranges(position: Tensor, body: Body, first_ray_rad: float) -> Tensor:
     nothing is met.
     """
     reading = position.new_full((*position.shape[:2], body.lidar_rays), body.lidar_range_m)
-    angle = first_ray_rad + torch.arange(body.lidar_rays, device=position.device) * (
-        2 * math.pi / body.lidar_rays
-    )
+    turn = 2 * math.pi / body.lidar_rays
+    angle = body.lidar_start_rad + turn * torch.arange(body.lidar_rays, device=position.device)
     offset = position[:, None] - position[:, :, None]
     others = ~torch.eye(position.shape[1], dtype=torch.bool, device=position.device)
     near = offset.square().sum(-1) < (body.lidar_range_m + body.radius_m) ** 2

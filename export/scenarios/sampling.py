@@ -24,8 +24,6 @@ ROBOTS = 3
 RADIUS_M = 0.025
 WALL_M = HALF_WIDTH_M - RADIUS_M
 """Robots' centres stay within a square of this half-width."""
-FIRST_RAY_RAD = 0.05
-"""Direction of the range sensor's first ray."""
 NEIGHBOUR_CELLS = (7, 1, 5, 3, 0, 6, 2, 8)
 """VMAS's order of the neighbouring samples: of a 3 x 3 window by x, then y, without the robot's own."""
 START_SPEED_M_S = 0.3
@@ -45,7 +43,7 @@ FACTS = ScenarioFacts(
     ),
     action=(ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0)),
     dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1),
-    body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.2),
+    body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.2, lidar_start_rad=0.05),
     training_steps=100,
     evaluation_steps=100,
     failure="collision",
@@ -78,7 +76,7 @@ class Sampling:
         """Return the observations (B, N, 24), fields in the order of ``FACTS``."""
         position, velocity = self.motion()
         nearby = self._field.around(position).flatten(2)[..., NEIGHBOUR_CELLS]
-        return torch.cat([position, velocity, disc_ranges(position, FACTS.body, FIRST_RAY_RAD), nearby], -1)
+        return torch.cat([position, velocity, disc_ranges(position, FACTS.body), nearby], -1)
 
     def motion(self) -> tuple[Tensor, Tensor]:
         """Return the robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
