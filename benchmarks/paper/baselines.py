@@ -37,7 +37,7 @@ class ShieldSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def descend(
-    action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch], settings: DescentSettings
+    settings: DescentSettings, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]
 ) -> Floats:
     """Projected gradient descent from actions (B, 2)."""
     moved, factors = action.copy(), np.array(guide.factors)
@@ -50,7 +50,7 @@ def descend(
 
 
 def shield(
-    action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch], settings: ShieldSettings
+    settings: ShieldSettings, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]
 ) -> Floats:
     """Move actions (B, 2) onto the safe set."""
     moved = action.copy()

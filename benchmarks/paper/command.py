@@ -23,7 +23,7 @@ SWEEP_EPISODES = 200
 EXAMPLES = """\
 examples:
   python -m benchmarks paper                        everything; interrupt it and start it again as you like
-  python -m benchmarks paper --quick                a few episodes of the first seed, written to a temporary place
+  python -m benchmarks paper --quick                a few episodes of the first seed; leaves nothing behind
   python -m benchmarks paper --tune                 choose every method's settings anew
   python -m benchmarks paper --policies runs        policies as python -m export.train_all leaves them
 """

@@ -25,7 +25,8 @@ class Neighbourhood:
         loss: float,
         draw: np.random.Generator,
     ) -> None:
-        self._mates = np.array([[mate for mate in range(robots) if mate != own] for own in range(robots)])
+        mates = [[mate for mate in range(robots) if mate != own] for own in range(robots)]
+        self._mates = np.array(mates, np.int64).reshape(robots, robots - 1)
         self._own = np.tile(np.arange(robots), episodes)
         self._ids = np.tile(self._mates, (episodes, 1))
         self._kept = robots - 1 if neighbours is None else neighbours
