@@ -1,7 +1,7 @@
 """One robot of a team as a process: python fleet_process.py FLEET ID LOSS.
 
 It shares a state at 50 Hz on a network that loses packets, prints what it saw in each tick, and on SIGTERM
-what became of the frames.
+or an operator's stop what became of the frames.
 """
 
 import random
@@ -14,6 +14,7 @@ from bundles import MANIFEST
 
 from edge_runtime.bundle import Bundle
 from edge_runtime.config import load_fleet
+from edge_runtime.control_wire import ORDER_MAGIC
 from edge_runtime.fleet import LocalTeam, open_fleet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
@@ -26,11 +27,24 @@ class Lossy:
 
     def __init__(self, carrier, loss, seed):
         self.carrier, self.loss, self.random = carrier, loss, random.Random(seed)
-        self.failures, self.receive, self.close = carrier.failures, carrier.receive, carrier.close
+        self.failures, self.close = carrier.failures, carrier.close
 
     def send(self, robot_id, packet):
-        if self.random.random() >= self.loss:
+        if not self.lost():
             self.carrier.send(robot_id, packet)
+
+    def reply(self, datagram, packet):
+        if not self.lost():
+            self.carrier.reply(datagram, packet)
+
+    def receive(self):
+        """Robots' packets were lost on sending; the operator's are lost here."""
+        for datagram in self.carrier.receive():
+            if not datagram.content.startswith(ORDER_MAGIC) or not self.lost():
+                yield datagram
+
+    def lost(self):
+        return self.random.random() < self.loss
 
 
 def show(record):
@@ -42,14 +56,18 @@ def main(fleet_file, robot_id, loss):
     mission = Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
     grid = DeadlineGrid(mission.period_s)
     with StopSignals() as signals, open_fleet(mission, LocalTeam(None)) as link:
-        link._carrier = Lossy(link._carrier, loss, robot_id)
-        while not signals.reason:
+        link._carrier = link._desk._carrier = Lossy(link._carrier, loss, robot_id)
+        version = 0
+        while not (signals.reason or link.stop_reason):
             grid.wait()
             own = RobotState(robot_id, time.monotonic(), (0.1 * robot_id, 0.0), (0.0, 0.0))
             team = link.team(own)
             link.share(own, Command(robot_id, 0, own.stamp_s, (0.0, 0.0), (0.0, 0.0)))
             newest = {other: peer.newest.sequence for other, peer in link._peers.items() if peer.newest}
-            show({"mates": [mate.state.robot_id for mate in team.teammates], "newest": newest})
+            if plan := link.new_plan():
+                version = plan.version
+            mates = [mate.state.robot_id for mate in team.teammates]
+            show({"mates": mates, "newest": newest, "tick": link.tick, "version": version})
         show(link.report())
 
 

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from test_fleet_udp import free_port
 
 from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.control_wire import ORDER_MAGIC, Stop, encode_order
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import open_fleet
 from edge_runtime.fleet_wire import FRAME_BYTES, Frame, encode
@@ -122,6 +124,19 @@ class Process:
     def tick(self):
         return json.loads(self.process.stdout.readline())
 
+    def read_on(self):
+        """Read in a thread from here on: a full pipe would hold the process up."""
+        self.rows = []
+        self.reader = threading.Thread(target=lambda: self.rows.extend(map(json.loads, self.process.stdout)))
+        self.reader.start()
+
+    def rest(self):
+        """The ticks read in the thread, and the report, of a process that ends by itself."""
+        self.reader.join(20)
+        assert self.process.wait(5) == 0
+        *ticks, report = self.rows
+        return ticks, report
+
     def end(self):
         """The ticks not read yet, and the report."""
         self.process.send_signal(signal.SIGTERM)
@@ -185,11 +200,15 @@ def hostile(draw):
         0, draw.getrandbits(64), sequence, draw.getrandbits(64), draw.getrandbits(64), state, (1.0, 1.0)
     )
     packet = bytearray(encode(frame, draw.randbytes(32)))
-    kind = draw.randrange(4)
+    kind = draw.randrange(6)
     if kind == 0:
         return draw.randbytes(draw.randrange(2 * FRAME_BYTES))
     if kind == 1:
         packet[-32:] = bytes(32)
     elif kind == 2:
         packet = packet[: draw.randrange(FRAME_BYTES)]
+    elif kind == 3:
+        packet = encode_order(Stop(1, 2, 0, draw.getrandbits(64), 1e12), draw.randbytes(32))
+    elif kind == 4:
+        packet = ORDER_MAGIC + draw.randbytes(draw.randrange(2 * FRAME_BYTES))
     return bytes(packet)
