@@ -35,7 +35,8 @@ class Rollout:
 class EpisodeTally:
     """Follows the episodes of B environments and sums up those that end."""
 
-    def __init__(self, environments: int, device: torch.device) -> None:
+    def __init__(self, environments: int, device: torch.device, *, failure_decides: bool = True) -> None:
+        self._failure_decides = failure_decides
         self.returns = torch.zeros(environments, device=device)
         self.steps = torch.zeros(environments, device=device)
         self.succeeded = torch.zeros(environments, dtype=torch.bool, device=device)
@@ -44,8 +45,8 @@ class EpisodeTally:
 
     @property
     def decided(self) -> Tensor:
-        """(B,) bool: succeeded or failed."""
-        return self.succeeded | self.failed
+        """(B,) bool: succeeded, or failed where that decides."""
+        return self.succeeded | self.failed if self._failure_decides else self.succeeded
 
     def add(self, transition: Transition) -> None:
         """Count one control step of the episodes that are still undecided."""
@@ -53,7 +54,7 @@ class EpisodeTally:
         self.returns += open_ * transition.reward.mean(1)
         self.steps += open_
         self.failed |= open_ & transition.failed
-        self.succeeded |= open_ & transition.succeeded & ~transition.failed
+        self.succeeded |= open_ & transition.succeeded & ~self.failed
 
     def close(self, finished: Tensor) -> None:
         """Add the episodes where ``finished`` (B,) to the sums, and start them anew."""
@@ -88,7 +89,7 @@ class Collector:
 
     def __init__(self, scenario: Scenario, generator: torch.Generator) -> None:
         self.scenario = scenario
-        self.tally = EpisodeTally(scenario.environments, scenario.device)
+        self.tally = _tally(scenario)
         self._generator = generator
         self._limit = scenario.facts.training_steps
         self._clock = torch.randint(
@@ -138,6 +139,12 @@ class Collector:
         return self.scenario.observe()
 
 
+def _tally(scenario: Scenario) -> EpisodeTally:
+    return EpisodeTally(
+        scenario.environments, scenario.device, failure_decides=scenario.facts.failure_decides
+    )
+
+
 @torch.no_grad()
 def evaluate(
     scenario: Scenario,
@@ -156,7 +163,7 @@ def evaluate(
     Returns:
         The tally of the B episodes, not yet closed.
     """
-    tally = EpisodeTally(scenario.environments, scenario.device)
+    tally = _tally(scenario)
     shape = (scenario.environments, scenario.facts.robots, scenario.facts.action_dim)
     for _ in range(scenario.facts.evaluation_steps):
         start = torch.randn(shape, generator=generator, device=scenario.device)

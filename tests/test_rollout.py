@@ -15,8 +15,8 @@ def transition(reward, succeeded=False, failed=False):
     return Transition(torch.tensor([[reward, reward + 2.0]]), flag[0], flag[1], torch.tensor([False]))
 
 
-def metrics_of(*transitions):
-    tally = EpisodeTally(1, CPU)
+def metrics_of(*transitions, failure_decides=True):
+    tally = EpisodeTally(1, CPU, failure_decides=failure_decides)
     for step in transitions:
         tally.add(step)
     tally.close(torch.tensor([True]))
@@ -32,6 +32,13 @@ def test_an_episode_counts_until_it_is_decided():
 def test_success_after_or_with_a_collision_is_none():
     assert metrics_of(transition(0.0, failed=True), transition(0.0, succeeded=True)).success == 0.0
     assert metrics_of(transition(0.0, succeeded=True, failed=True)).success == 0.0
+
+
+def test_an_episode_goes_on_after_a_failure_that_does_not_decide():
+    steps = transition(1.0), transition(2.0, failed=True), transition(3.0), transition(4.0, succeeded=True)
+    metrics = metrics_of(*steps, failure_decides=False)
+    assert (metrics.success, metrics.failure, metrics.steps) == (0.0, 1.0, 4.0)
+    assert metrics.mean_return == pytest.approx(2.0 + 3.0 + 4.0 + 5.0)
 
 
 def test_tally_starts_anew_after_each_take():

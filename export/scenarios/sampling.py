@@ -47,6 +47,7 @@ FACTS = ScenarioFacts(
     training_steps=100,
     evaluation_steps=100,
     failure="collision",
+    failure_decides=False,
 )
 """``nearby_samples`` are the values, relative to the densest place of the field, of the samples left one
 cell (5 cm) away: east, west, north, south, south-west, south-east, north-west, north-east."""
@@ -55,8 +56,9 @@ cell (5 cm) away: east, west, north, south, south-west, south-east, north-west, 
 class Sampling:
     """B teams of VMAS Sampling.
 
-    The task is to gather as much as one can: no episode succeeds. It fails when the centres of two robots
-    are at most two radii apart at the end of a control step; VMAS lets them bounce without a penalty.
+    The task is to gather as much as one can: no episode succeeds. It counts as failed once the centres of
+    two robots were at most two radii apart at the end of a control step, but goes on gathering: VMAS lets
+    robots bounce without a penalty.
     """
 
     facts = FACTS

@@ -26,6 +26,8 @@ class ScenarioFacts:
     """Time limit of an evaluated episode, in control steps."""
     failure: str
     """What a failed episode is called: ``collision``."""
+    failure_decides: bool = True
+    """A failed episode counts no further; else it goes on, and can no longer succeed."""
 
     @property
     def observation_dim(self) -> int:
@@ -59,7 +61,7 @@ class Transition:
 
 @dataclass(frozen=True)
 class EpisodeMetrics:
-    """Means over finished episodes; each counts until its first success, failure or time limit."""
+    """Means over finished episodes; each counts until its first success, deciding failure or time limit."""
 
     episodes: int
     mean_return: float
