@@ -33,6 +33,8 @@ class Bundle:
     weights: FlowWeights | None
     """None where the manifest's runtime is ``onnxruntime``."""
     directory: Path
+    sha256: str = ""
+    """Of its manifest.json, which holds the digests of its other files."""
 
     def policy(self, batch: int = 1, euler_steps: int | None = None) -> FlowPolicy | OnnxPolicy:
         """Prepare the reference for ``batch`` observations at once: what parity is judged by.
@@ -89,7 +91,7 @@ def load_bundle(directory: Path) -> Bundle:
     if manifest.runtime == "numpy":
         path = directory / WEIGHTS_FILE
         weights = unpack_weights(contents[WEIGHTS_FILE], manifest, str(path))
-    return Bundle(manifest, weights, directory)
+    return Bundle(manifest, weights, directory, hashlib.sha256(encoded).hexdigest())
 
 
 def packaged_bundle(name: str) -> Bundle:

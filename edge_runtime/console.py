@@ -98,6 +98,7 @@ def summary(report: RunReport, *, colour: bool) -> str:
             "faults",
             "; ".join(f"{reason}: {count} ticks" for reason, count in report.faults.items()) or "none",
         ),
+        ("log", _log(report, colour)),
     ]
     title = f"robot {report.robot_id}, policy {report.policy} ({report.backend}), bridge {report.bridge}"
     return "\n".join([title, *(f"  {name:<12}{text}" for name, text in rows)])
@@ -147,6 +148,16 @@ def _tick(report: RunReport) -> str:
     stages = ", ".join(f"{name} {stage.p50 / 1e3:.2f}" for name, stage in report.stage_us.items())
     whole = f"p50 {tick.p50 / 1e3:.2f} ms, p99 {tick.p99 / 1e3:.2f} ms, max {tick.max / 1e3:.2f} ms"
     return f"{whole} (p50: {stages})"
+
+
+def _log(report: RunReport, colour: bool) -> str:
+    log = report.log
+    if log is None:
+        return "not recorded"
+    text = f"{log.path}, {log.ticks} ticks" + (f", the newest of {log.files} files" if log.files > 1 else "")
+    if not (log.lost or log.failure):
+        return text
+    return _verdict(False, f"{text}, {log.lost} lost: {log.failure or 'the logger was held up'}", colour)
 
 
 def _kept(kept: bool, colour: bool) -> str:

@@ -41,7 +41,10 @@ class Controller:
         """What it follows; between ticks it may be exchanged."""
         self.command = first_command(robot_id)
         """The newest command."""
-        self._observer, self._limits = observer, limits
+        self.start: Vector2 = (0.0, 0.0)
+        """Where the newest sample's flow began."""
+        self.limits = limits
+        self._observer = observer
         self._random = random.Random(seed)
 
     def observe(self, team: TeamState) -> Array:
@@ -50,11 +53,12 @@ class Controller:
 
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
         """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
-        return guided_action(self.policy, observation, team, self.plan.guide, self._start(), deadline_s)
+        self.start = self._draw_start()
+        return guided_action(self.policy, observation, team, self.plan.guide, self.start, deadline_s)
 
     def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:
         """Turn the action into this tick's command."""
-        self.command = limited(guided, team, self.command, self._limits, now_s)
+        self.command = limited(guided, team, self.command, self.limits, now_s)
         return self.command
 
     def decide(self, team: TeamState, now_s: float) -> Command:
@@ -67,7 +71,7 @@ class Controller:
         own = RobotState(self.robot_id, 0.0, (0.0, 0.0), (0.0, 0.0))
         guided_action(self.policy, observation, TeamState(own), self.plan.guide)
 
-    def _start(self) -> Vector2:
+    def _draw_start(self) -> Vector2:
         noise = self.plan.start_noise
         if not noise:
             return (0.0, 0.0)

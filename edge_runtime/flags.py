@@ -10,6 +10,7 @@ from edge_runtime.backend import BACKENDS
 from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, Fleet, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
+from edge_runtime.log_flags import add_log_flags
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.mission import Mission
 
@@ -127,6 +128,7 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         help="of the flow's start noise, where guidance asks for it (default: 0)",
     )
     add("--json", type=Path, metavar="FILE", help="write the report there")
+    add_log_flags(parser)
     return parser
 
 

@@ -86,14 +86,16 @@ def _flow(
     bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True))
     (ax, ay), total, projections, opposed, cut = start, policy.euler_steps, 0, 0, False
     costs: list[float] = []
+    steering: list[tuple[int, float, float]] = []
     conflicts = [0] * len(bound)
     now, longest = time.monotonic(), 0.0
     for k in range(total):
         ((vx, vy),), ((jxx, jxy),), ((jyx, jyy),) = policy.step(k, ((ax, ay),)).tolist()
         left = 1.0 - k / total
         hx, hy = ax + left * vx, ay + left * vy
-        gradients, factors, steering, sum_x, sum_y = [], [], [], 0.0, 0.0
+        gradients, factors, sum_x, sum_y = [], [], 0.0, 0.0
         costs.clear()
+        steering.clear()
         for objective, outlook, factor in bound:
             cost, gx, gy = _action_slope(objective, outlook, hx, hy)
             if not math.isfinite(gx + gy):

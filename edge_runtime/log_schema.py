@@ -122,7 +122,8 @@ class LoggedObjective(msgspec.Struct, frozen=True):
     """Where an own objective's module was imported from; empty for built-in ones."""
     weight: float
     active: bool
-    """Whether it steered; costs and conflicts are listed for active ones only, in this order."""
+    """Whether it steered: not with weight 0, or where the flow was left alone. The costs and conflicts of a
+    tick are those of the active ones, in this order."""
     parameters: str
     """All its fields as JSON."""
 
@@ -136,8 +137,6 @@ class ObjectiveSet(msgspec.Struct, frozen=True):
     scale: float
     start_noise: float
     """Deviation of the flow's start."""
-    guided: bool
-    """False if the flow was left alone: then no objective is active."""
     objectives: tuple[LoggedObjective, ...]
 
 

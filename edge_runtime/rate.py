@@ -118,6 +118,11 @@ class TimingRecord:
         self._ticks += 1
         return total
 
+    @property
+    def laps(self) -> list[float]:
+        """Durations of the newest tick's stages and of the whole, in microseconds; valid after `end`."""
+        return self._laps
+
     def tick_us(self) -> Percentiles:
         """Distribution of whole ticks, from wake-up to the command's departure."""
         return self._percentiles(len(self.stages))

@@ -50,6 +50,11 @@ def enter_realtime() -> None:
         ) from error
 
 
+def in_realtime() -> bool:
+    """Whether this process runs ahead of all ordinary ones."""
+    return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO
+
+
 def _lock_memory() -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:

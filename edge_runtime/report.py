@@ -5,6 +5,7 @@ import math
 import msgspec
 
 from edge_runtime.fleet_report import FleetReport
+from edge_runtime.log_wire import LogReport
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
@@ -61,6 +62,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     robots: tuple[RobotReport, ...]
     fleet: FleetReport | None
     """The team's network; None for a team in one process."""
+    log: LogReport | None = None
+    """What became of the run's record; None if it was not to be recorded."""
     stop_reason: str
 
 
@@ -76,6 +79,7 @@ def make_report(
     dry_run: bool,
     failed: bool,
     fleet: FleetReport | None,
+    log: LogReport | None = None,
 ) -> RunReport:
     """Sum up a run."""
     robots = tuple(_robot_report(robot_id, monitor) for robot_id in monitor.robots)
@@ -107,6 +111,7 @@ def make_report(
         speed_limit_m_s=min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None),
         robots=robots,
         fleet=fleet,
+        log=log,
         stop_reason=stop_reason,
     )
 

@@ -21,6 +21,7 @@ from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.realtime import EarlyWake, enter_realtime, freeze_garbage
+from edge_runtime.recorder import Record, Unrecorded, open_record
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.signals import StopSignals
 from edge_runtime.watch.sender import Watch, open_watch
@@ -50,6 +51,7 @@ class Session:
     timing: TimingRecord
     monitor: Monitor
     watch: Watch
+    recorder: Record
     dry_run: bool
 
 
@@ -83,6 +85,7 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         fleet.share(own, command)
         monitor.follow(team, guided, command)
         session.watch.follow(team, guided, command)
+        session.recorder.follow(deadline_s, team, observation, guided, command)
     return reason
 
 
@@ -96,12 +99,13 @@ def run(
     dry_run: bool,
     early_wake_s: float = 0.0,
     stay: bool = False,
+    recorder: Record | None = None,
 ) -> RunReport:
     """Drive the robot until goals are held, time is up, a signal or an operator ends it, or the link fails.
 
     With ``stay``, goals that are held do not end the run.
     """
-    session = _prepare(mission, bridge.max_speed_m_s, early_wake_s, dry_run=dry_run)
+    session = _prepare(mission, bridge, early_wake_s, recorder or Unrecorded(), dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -128,17 +132,22 @@ def run(
         dry_run=dry_run,
         failed=bool(failure),
         fleet=fleet.report(),
+        log=session.recorder.end(reason, failed=bool(failure)),
     )
 
 
-def _prepare(mission: Mission, max_speed_m_s: float, early_wake_s: float, *, dry_run: bool) -> Session:
-    controller = mission.controllers(max_speed_m_s)[mission.robot_id]
+def _prepare(
+    mission: Mission, bridge: "Bridge", early_wake_s: float, recorder: Record, *, dry_run: bool
+) -> Session:
+    controller = mission.controllers(bridge.max_speed_m_s)[mission.robot_id]
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
     sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
     grid = DeadlineGrid(mission.period_s, sleep=sleep)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
     timing = TimingRecord(STAGES)
-    return Session(controller, grid, timing, monitor, open_watch(mission, monitor, grid, timing), dry_run)
+    recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
+    watch = open_watch(mission, monitor, grid, timing)
+    return Session(controller, grid, timing, monitor, watch, recorder, dry_run)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,6 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
                 if flags.json:
                     _check_writable(flags.json)
+                recorder = stack.enter_context(open_record(flags))
                 if flags.realtime:
                     enter_realtime()  # before the bridge: its guard process inherits it
                 bridge = link.open_bridge(mission, link.options_from(flags))
@@ -174,6 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 dry_run=flags.dry_run,
                 early_wake_s=early_wake_s,
                 stay=flags.stay,
+                recorder=recorder,
             )
         # The robot stands and its links are closed: a terminal that takes no text holds up nobody.
         try:

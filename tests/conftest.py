@@ -26,6 +26,14 @@ if importlib.util.find_spec("torch") is None:
     collect_ignore = [path.name for path in here.glob("test_*.py") if workstation.search(path.read_text())]
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _logs_of_tests(tmp_path_factory):
+    """Keep the logs of tests out of the user's own folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 def random_weights(
     seed=0, action_dim=2, observation_dim=18, hidden=(32, 24), activation="silu", prior_std=0.5, features=4
 ) -> FlowWeights:

@@ -1,0 +1,59 @@
+"""The flags of edge-run that say where a run is recorded, and how much of the disk that may take."""
+
+import argparse
+import random
+import time
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.log_folder import default_folder, run_name
+from edge_runtime.log_wire import LogPlan
+
+_MB: Final = 1_000_000
+
+
+def add_log_flags(parser: argparse.ArgumentParser) -> None:
+    """Add them."""
+    flags = parser.add_argument_group("the run's log (MCAP, opens in Foxglove; edge-replay repeats it)")
+    add = flags.add_argument
+    add("--no-log", dest="log", action="store_false", help="record nothing")
+    add("--log-dir", type=Path, metavar="DIR", help=f"folder for logs (default: {default_folder()})")
+
+    add("--log-file-mb", type=_positive, default=100.0, metavar="MB", help="size of one file (default: 100)")
+    add("--log-file-s", type=_positive, default=600.0, metavar="S", help="length of one file (default: 600)")
+    add(
+        "--log-keep-mb",
+        type=_positive,
+        default=2000.0,
+        metavar="MB",
+        help="what all logs in the folder may take; the oldest are deleted first (default: 2000)",
+    )
+
+
+def make_log_plan(flags: argparse.Namespace) -> LogPlan:
+    """Return where the run is recorded.
+
+    Raises:
+        ConfigError: if the cap leaves no room beside the file being written.
+    """
+    if flags.log_keep_mb < 2.0 * flags.log_file_mb:
+        raise ConfigError(
+            f"--log-keep-mb {flags.log_keep_mb:g}: must be at least twice "
+            f"--log-file-mb, which is {flags.log_file_mb:g}"
+        )
+    started_at = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    return LogPlan(
+        folder=str(flags.log_dir or default_folder()),
+        run=run_name(started_at, flags.robot_id, random.SystemRandom().getrandbits(32)),
+        file_bytes=int(_MB * flags.log_file_mb),
+        file_s=flags.log_file_s,
+        keep_bytes=int(_MB * flags.log_keep_mb),
+    )
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1e9:
+        raise argparse.ArgumentTypeError(f"must be a number in (0, 1e9], got {text!r}")
+    return value

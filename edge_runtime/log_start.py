@@ -1,0 +1,127 @@
+"""What a log begins with: the run, its software, machine, policy and fleet, and the objectives in force."""
+
+import hashlib
+import os
+import platform
+import sys
+import time
+from importlib import metadata
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from edge_runtime.controller import Controller
+from edge_runtime.log_schema import (
+    LOG_FORMAT,
+    BundleIdentity,
+    FleetIdentity,
+    LoggedObjective,
+    Machine,
+    ObjectiveSet,
+    RobotPlace,
+    Settings,
+    Start,
+    Versions,
+)
+from edge_runtime.mission import Mission
+from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.plan import Plan
+from edge_runtime.realtime import in_realtime
+
+
+def make_start(mission: Mission, controller: Controller, run: str, *, bridge: str, dry_run: bool) -> Start:
+    """Describe a run that begins now; ``run`` is its name."""
+    wall_s, monotonic_s = time.time(), time.monotonic()
+    return Start(
+        format=LOG_FORMAT,
+        run=run,
+        part=0,
+        robot_id=mission.robot_id,
+        started_at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(wall_s)),
+        started_unix_s=wall_s,
+        started_s=monotonic_s,
+        versions=Versions(metadata.version("cfpg-edge"), platform.python_version(), np.__version__),
+        machine=_machine(),
+        bundle=_bundle(mission),
+        fleet=_fleet(mission),
+        settings=_settings(mission, controller, bridge=bridge, dry_run=dry_run),
+    )
+
+
+def objective_set(plan: Plan) -> ObjectiveSet:
+    """Describe what a plan asks for."""
+    guidance, wanted = plan.steering.guidance, plan.steering.objectives
+    active = {id(objective) for objective in plan.guide.objectives}
+    return ObjectiveSet(
+        version=plan.version,
+        mode=guidance.mode,
+        scale=guidance.scale,
+        start_noise=plan.start_noise,
+        objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
+    )
+
+
+def _objective(objective: Objective, *, active: bool) -> LoggedObjective:
+    kind, folder = objective.name, ""
+    if type(objective) not in BUILT_IN:
+        module = type(objective).__module__
+        kind, folder = f"{module}:{type(objective).__qualname__}", _import_folder(module)
+    parameters = msgspec.json.encode(objective).decode()
+    return LoggedObjective(objective.name, kind, folder, objective.weight, active, parameters)
+
+
+def _import_folder(module: str) -> str:
+    """The folder from which a module's name can be imported."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return str(Path(file).resolve().parents[module.count(".")]) if file else ""
+
+
+def _machine() -> Machine:
+    return Machine(platform.node(), _processor(), os.cpu_count() or 0, platform.release())
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.machine())
+
+
+def _bundle(mission: Mission) -> BundleIdentity:
+    bundle, manifest = mission.bundle, mission.bundle.manifest
+    return BundleIdentity(
+        manifest.name,
+        str(bundle.directory.resolve()),
+        bundle.sha256,
+        manifest.body.radius_m,
+        manifest.euler_steps,
+    )
+
+
+def _fleet(mission: Mission) -> FleetIdentity:
+    fleet = mission.fleet
+    return FleetIdentity(
+        str(fleet.path.resolve()),
+        hashlib.sha256(fleet.path.read_bytes()).hexdigest(),
+        fleet.team.goal_tolerance_m,
+        tuple(RobotPlace(robot.id, robot.start_m, robot.goal_m) for robot in fleet.robots),
+    )
+
+
+def _settings(mission: Mission, controller: Controller, *, bridge: str, dry_run: bool) -> Settings:
+    limits = controller.limits
+    return Settings(
+        rate_hz=mission.rate_hz,
+        seed=mission.seed,
+        backend=controller.policy.backend,
+        engine=getattr(controller.policy, "engine", ""),
+        bridge=bridge,
+        dry_run=dry_run,
+        realtime=in_realtime(),
+        max_state_age_s=limits.max_state_age_s,
+        max_step=limits.max_step,
+        max_speed_m_s=limits.max_speed_m_s,
+    )
