@@ -23,13 +23,12 @@ def encode(record: msgspec.Struct) -> bytes:
     return encoded
 
 
-def decode(message: bytes, record: type[Record]) -> Record:
-    """Return the record that `encode` wrote.
+def decoder(record: type[Record]) -> msgspec.json.Decoder[Record]:
+    """Return what reads the messages that `encode` wrote.
 
-    Raises:
-        msgspec.DecodeError: if it is not JSON, or of another shape.
+    Its ``decode`` raises `msgspec.DecodeError` for what is not JSON, or of another shape.
     """
-    return msgspec.json.decode(message, type=record, strict=False)  # not strict: "NaN" is a number
+    return msgspec.json.Decoder(record, strict=False)  # not strict: "NaN" is a number
 
 
 def json_schema(record: type[msgspec.Struct]) -> bytes:
