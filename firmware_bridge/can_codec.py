@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn, SupportsFloat, cast
 
 import cantools
-from cantools.database.can import Database, Message, Signal
+from cantools.database.can import Database, Message
 from cantools.database.errors import DecodeError, Error
 
 from edge_runtime.errors import ConfigError
 from firmware_bridge.base_kinematics import Motion
 from firmware_bridge.can_e2e import Protection, counter_of, protect
 from firmware_bridge.can_frame import Frame
+from firmware_bridge.can_layout import Layout
 from firmware_bridge.can_profile import Gains, Profile, Step
 
 
@@ -37,7 +38,7 @@ class CanCodec:
         self._path = path
         self._messages = _messages(profile, path)
         self._ids = {name: profile.frame_ids.get(name, m.frame_id) for name, m in self._messages.items()}
-        self._ranges = {name: _ranges(message) for name, message in self._messages.items()}
+        self._layouts = {n: Layout(m) for n, m in self._messages.items() if not m.is_multiplexed()}
         self._counters: dict[str, int] = {}
         self._check_commands()
         self._feedback = self._feedback_by_id()
@@ -49,6 +50,12 @@ class CanCodec:
             self._frame(name, {signal: _weighted(gains, motion) for signal, gains in signals.items()})
             for name, signals in self._profile.motion.items()
         )
+
+    def rehearse(self, motion: Motion) -> None:
+        """Encode a motion and forget it: the next frame's counter does not advance."""
+        counters = self._counters.copy()
+        self.encode(motion)
+        self._counters = counters
 
     def encode_step(self, step: Step) -> Frame:
         """Return the frame of one step of a sequence."""
@@ -66,14 +73,11 @@ class CanCodec:
         return Decoded(message.name, values)
 
     def _frame(self, name: str, values: dict[str, float]) -> Frame:
-        message = self._messages[name]
-        ranges = self._ranges[name].items()
-        saturated = {signal: min(max(values.get(signal, 0.0), low), high) for signal, (low, high) in ranges}
-        data = message.encode(saturated, strict=False)
+        data = self._layouts[name].encode(values)
         protection = self._profile.protection.get(name)
         if protection is not None:
             data = self._protected(name, data, protection)
-        return Frame(self._ids[name], data, message.is_extended_frame)
+        return Frame(self._ids[name], data, self._messages[name].is_extended_frame)
 
     def _protected(self, name: str, data: bytes, protection: Protection) -> bytes:
         counter = (self._counters.get(name, -1) + 1) % protection.counters
@@ -106,7 +110,7 @@ class CanCodec:
     def _check_commands(self) -> None:
         profile = self._profile
         for name, signals in profile.motion.items():
-            self._check_signals(f"motion.{name}", name, signals)
+            self._check_command(f"motion.{name}", name, signals)
         for key, steps in (("enable", profile.enable), ("stop.then", profile.stop.then)):
             for index, step in enumerate(steps):
                 self._check_step(f"{key}[{index}]", step)
@@ -118,11 +122,16 @@ class CanCodec:
                 self._refuse(f"protection.{name}", "the message is too short for a counter and a CRC")
 
     def _check_step(self, key: str, step: Step) -> None:
-        self._check_signals(f"{key}.signals", step.message, step.signals)
+        self._check_command(f"{key}.signals", step.message, step.signals)
         for name, value in step.signals.items():
-            low, high = self._ranges[step.message][name]
+            low, high = self._layouts[step.message].ranges[name]
             if not low <= value <= high:
                 self._refuse(f"{key}.signals.{name}", f"the DBC's signal cannot carry {value:g}")
+
+    def _check_command(self, key: str, name: str, signals: "dict[str, Gains] | dict[str, float]") -> None:
+        self._check_signals(key, name, signals)
+        if name not in self._layouts:
+            self._refuse(key, f"{name} is multiplexed: give the DBC a message without a multiplexer for it")
 
     def _check_signals(self, key: str, name: str, signals: "dict[str, Gains] | dict[str, float]") -> None:
         known = [signal.name for signal in self._message(key, name).signals]
@@ -148,7 +157,7 @@ class CanCodec:
         speed = self._profile.limits.speed_m_s
         for name, signals in self._profile.motion.items():
             for signal_name, gains in signals.items():
-                low, high = self._ranges[name][signal_name]
+                low, high = self._layouts[name].ranges[signal_name]
                 needed = speed * math.hypot(gains.forward, gains.lateral)
                 if not low <= -needed <= needed <= high:
                     self._refuse("limits.speed_m_s", f"{name}.{signal_name} cannot carry {speed:g} m/s")
@@ -181,23 +190,3 @@ def _weighted(gains: Gains, motion: Motion) -> float:
         + gains.yaw * motion.yaw_rad_s
         + gains.steering * motion.steering_rad
     )
-
-
-def _ranges(message: Message) -> dict[str, tuple[float, float]]:
-    return {signal.name: _range(signal) for signal in message.signals}
-
-
-def _range(signal: Signal) -> tuple[float, float]:
-    """Return the least and the greatest physical value that the signal carries."""
-    if signal.is_float:
-        raw_low, raw_high = -3.4e38, 3.4e38
-    elif signal.is_signed:
-        raw_low, raw_high = -(2.0 ** (signal.length - 1)), 2.0 ** (signal.length - 1) - 1
-    else:
-        raw_low, raw_high = 0.0, 2.0**signal.length - 1
-    low, high = sorted((raw_low * signal.scale + signal.offset, raw_high * signal.scale + signal.offset))
-    if signal.minimum is not None:
-        low = max(low, float(signal.minimum))
-    if signal.maximum is not None:
-        high = min(high, float(signal.maximum))
-    return low, high

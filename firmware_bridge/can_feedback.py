@@ -27,22 +27,33 @@ class FeedbackRules:
         self._feedback = feedback
         self._values: dict[str, float] = {}
         self._times_s = dict.fromkeys(feedback.stale_s, -math.inf)
+        self._fresh_until_s = -math.inf
+        self._judged: Health | None = None
+        """What the newest values mean while all of them are fresh; None until somebody asks."""
 
     def take(self, decoded: Decoded, now_s: float) -> None:
         """Remember one frame."""
         self._values.update(decoded.values)
         self._times_s[decoded.message] = now_s
+        self._fresh_until_s = min(self._times_s[name] + age for name, age in self._feedback.stale_s.items())
+        self._judged = None
 
     def health(self, now_s: float) -> Health:
         """Judge: an override goes before stale feedback, that before faults, those before not being ready."""
+        if now_s > self._fresh_until_s:
+            return self._judge(now_s)
+        if self._judged is None:
+            self._judged = self._judge(now_s)
+        return self._judged
+
+    def _judge(self, now_s: float) -> Health:
         if (rule := self._first(self._feedback.override)) is not None:
             return Health(
                 Condition.OVERRIDE, f"the operator or an emergency stop took over ({self._said(rule)})"
             )
         for name, longest_s in self._feedback.stale_s.items():
-            age_s = now_s - self._times_s[name]
-            if age_s > longest_s:
-                return Health(Condition.FAULT, _stale(name, age_s))
+            if now_s > self._times_s[name] + longest_s:
+                return Health(Condition.FAULT, _stale(name, now_s - self._times_s[name]))
         if (rule := self._first(self._feedback.fault)) is not None:
             return Health(Condition.FAULT, f"the firmware reports a fault ({self._said(rule)})")
         for rule in self._feedback.ready:

@@ -91,8 +91,11 @@ class CanLink:
 
     def send(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
         """Send the frames of one setpoint, once."""
-        motion = motion_for(setpoint.velocity_m_s, self._robot.pose.heading_rad, self._profile.base)
-        self._command(motion)
+        self._command(self._motion(setpoint))
+
+    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
+        """Encode one setpoint, and forget it."""
+        self._codec.rehearse(self._motion(setpoint))
 
     def keepalive(self, fresh: bool, now_s: float) -> None:
         """CAN robots know no heartbeat of ours."""
@@ -129,6 +132,9 @@ class CanLink:
         for step in self._profile.stop.then:
             yield from self._insist((self._codec.encode_step(step),))
             yield step.pause_s
+
+    def _motion(self, setpoint: Setpoint) -> Motion:
+        return motion_for(setpoint.velocity_m_s, self._robot.pose.heading_rad, self._profile.base)
 
     def _ramp(self) -> list[Motion]:
         """The motions from the last sent one down to, but without, standstill."""

@@ -3,18 +3,32 @@
 WATCHING -> ENABLING -> DRIVING <-> RECOVERING -> STOPPING -> STOPPED. STOPPED is final.
 """
 
+import contextlib
 import math
 from collections import deque
+from typing import cast
 
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.guard_link import Condition, Health, Limits, Link, Setpoint, Steps
 from firmware_bridge.guard_spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
-from firmware_bridge.guard_wire import Counts, Event, Phase, Report, StopRequest, WireError, decode_request
+from firmware_bridge.guard_wire import (
+    Counts,
+    Event,
+    Phase,
+    Report,
+    StopRequest,
+    WireError,
+    decode_request,
+    encode_command,
+)
 
 LONGEST_STOP_S = 10.0
 """A stop sequence that takes longer is broken: the firmware's own timeout has long acted."""
 CLOCK_TOLERANCE_S = 1e-3
 """A command stamped later than this in the future was not stamped with the monotonic clock."""
+REHEARSAL_LEAD_S = 1e-3
+"""How long before the next command is expected its way is rehearsed."""
+AT_REST = Setpoint(0, 0.0, (0.0, 0.0), (0.0, 0.0))
 _ROUNDING = 1.0 + 1e-9
 
 _TOUCHING = (Phase.ENABLING, Phase.DRIVING, Phase.RECOVERING)
@@ -44,9 +58,11 @@ def firmware_timeout_fault(timeout_s: float | None) -> str:
 def limit_fault(setpoint: Setpoint, limits: Limits) -> str:
     """Say what is wrong with a command's numbers; empty if nothing is."""
     speed = math.hypot(*setpoint.velocity_m_s)
-    action = max(abs(component) for component in setpoint.action)
-    if not math.isfinite(speed) or not all(map(math.isfinite, (*setpoint.action, setpoint.stamp_s))):
+    a_x, a_y = setpoint.action
+    finite = math.isfinite
+    if not (finite(speed) and finite(a_x) and finite(a_y) and finite(setpoint.stamp_s)):
         return "command is not finite"
+    action = max(abs(a_x), abs(a_y))
     if speed > limits.speed_m_s * _ROUNDING:
         return f"command of {speed:.3f} m/s is over the limit of {limits.speed_m_s:g} m/s"
     if action > limits.action * _ROUNDING:
@@ -71,6 +87,9 @@ class Guard:
         self._step_due_s = math.inf
         self._stop_until_s = math.inf
         self._keepalive_due_s = math.inf if math.isinf(link.keepalive_period_s) else -math.inf
+        self._sent = AT_REST
+        self._sent_s = -math.inf
+        self._rehearsal_due_s = math.inf
         self._forwarded = self._refused = self._withheld = self._recovered = 0
 
     @property
@@ -90,7 +109,7 @@ class Guard:
     def next_due_s(self) -> float:
         """Return the monotonic time of the next ``on_time`` that has something to do."""
         deadline = self._fresh_until_s if self.phase in _TOUCHING else math.inf
-        return min(deadline, self._step_due_s, self._keepalive_due_s)
+        return min(deadline, self._step_due_s, self._keepalive_due_s, self._rehearsal_due_s)
 
     def on_packet(self, packet: bytes, now_s: float) -> None:
         """Take one packet from the runtime."""
@@ -127,6 +146,8 @@ class Guard:
             self._advance(now_s)
         if now_s >= self._keepalive_due_s:
             self._keep_alive(now_s)
+        if now_s >= self._rehearsal_due_s:
+            self._rehearse(now_s)
 
     def stop(self, reason: str, now_s: float) -> None:
         """Start the stop sequence, finally; a robot never touched or taken over is left alone."""
@@ -163,9 +184,25 @@ class Guard:
             return
         try:
             self._link.send(setpoint, now_s)
-            self._forwarded += 1
         except BridgeError as error:
             self.stop(str(error), now_s)
+            return
+        self._forwarded += 1
+        self._rehearsal_due_s = now_s + (now_s - self._sent_s) - REHEARSAL_LEAD_S
+        self._sent, self._sent_s = setpoint, now_s
+
+    def _rehearse(self, now_s: float) -> None:
+        """Take the last command the next one's way, short of sending it.
+
+        After a period's sleep the processor's caches hold none of this code; run a millisecond before it is
+        needed, it takes a fifth of the time when it is.
+        """
+        self._rehearsal_due_s = math.inf
+        setpoint = cast(Setpoint, decode_request(encode_command(self._sent)))
+        with contextlib.suppress(BridgeError):  # What is wrong with a command is said when it comes.
+            limit_fault(setpoint, self._spec.limits)
+            self._link.health(now_s)
+            self._link.rehearse(setpoint, now_s)
 
     def _take_command(self, condition: Condition, now_s: float) -> None:
         if condition in (Condition.OVERRIDE, Condition.LOST):

@@ -32,6 +32,9 @@ class Kind(enum.IntEnum):
     EVENT = 4
 
 
+_COMMAND_MARK = struct.pack("<HB", MAGIC, Kind.COMMAND)
+
+
 class Phase(enum.IntEnum):
     """Where the guard stands. It only moves forward, except between DRIVING and RECOVERING."""
 
@@ -103,10 +106,10 @@ def decode_request(packet: bytes) -> Setpoint | StopRequest:
     Raises:
         WireError: if it is not exactly one command or stop.
     """
-    kind = _kind(packet)
-    if kind == Kind.COMMAND and len(packet) == _COMMAND.size:
+    if len(packet) == _COMMAND.size and packet.startswith(_COMMAND_MARK):
         _, _, sequence, stamp_s, a_x, a_y, v_x, v_y = _COMMAND.unpack(packet)
         return Setpoint(sequence, stamp_s, (a_x, a_y), (v_x, v_y))
+    kind = _kind(packet)
     if kind == Kind.STOP and len(packet) == _STOP.size:
         return StopRequest(_untext(_STOP.unpack(packet)[4]))
     raise WireError(f"kind {kind} in {len(packet)} bytes")

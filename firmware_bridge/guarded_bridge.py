@@ -99,11 +99,11 @@ class GuardedBridge:
         Raises:
             BridgeError: if the guard has stopped the robot, has ended, or does not take commands.
         """
+        setpoint = Setpoint(command.sequence, command.stamp_s, command.action, command.velocity_m_s)
+        self._send(encode_command(setpoint))  # First of all; a guard that has stopped heeds no command.
         self._receive()
         if self.phase >= Phase.STOPPING:
             raise BridgeError(f"the guard stopped the robot: {self._reason}")
-        setpoint = Setpoint(command.sequence, command.stamp_s, command.action, command.velocity_m_s)
-        self._send(encode_command(setpoint))
 
     def stop(self, reason: str) -> None:
         """Ask for the stop sequence and wait until it is done.

@@ -83,6 +83,10 @@ class Channel:
         if not self._opened().send(self._encoder.encode(content, now_s)):
             self.dropped += 1
 
+    def rehearse(self, content: Outgoing, now_s: float) -> None:
+        """Encode one message, and forget it."""
+        self._encoder.rehearse(content, now_s)
+
     def renew_signing(self) -> None:
         """Keep signing timestamps in reserve; cheap enough for every second."""
         if self._signing is not None:

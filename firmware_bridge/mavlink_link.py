@@ -149,10 +149,11 @@ class MavlinkLink:
         """
         if not self._vehicle.taken:
             self._vehicle.expect_driving()
-        state = self._estimate.state
-        if state is None:
-            raise BridgeError("no position from the autopilot")
-        self._channel.send(self._follower.follow(setpoint, state), now_s)
+        self._channel.send(self._follower.follow(setpoint, self._known_state()), now_s)
+
+    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:
+        """Encode one setpoint, and forget it."""
+        self._channel.rehearse(self._follower.rehearse(setpoint, self._known_state()), now_s)
 
     def stop_sequence(self) -> Steps:
         """Command zero at once, then the stop mode until a heartbeat confirms it."""
@@ -166,6 +167,12 @@ class MavlinkLink:
         if not self._fresh(now_s):
             self._request_streams(now_s)
         self._channel.renew_signing()
+
+    def _known_state(self) -> RobotState:
+        state = self._estimate.state
+        if state is None:
+            raise BridgeError("no position from the autopilot")
+        return state
 
     def _fresh(self, now_s: float) -> bool:
         state = self._estimate.state

@@ -66,6 +66,14 @@ class Follower:
         forward = (motion.forward_m_s, 0.0)
         return Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=forward, yaw_rate_rad_s=-motion.yaw_rad_s)
 
+    def rehearse(self, setpoint: Setpoint, state: RobotState) -> Target:
+        """Return what ``follow`` would, and keep the integrated velocity; raises as ``follow``."""
+        velocity = self._velocity
+        try:
+            return self.follow(setpoint, state)
+        finally:
+            self._velocity = velocity
+
     def _step(self, action: Vector2, velocity: Vector2) -> Vector2:
         """Return the velocity that the manifest's dynamics reach in one period."""
         decay, gain = self._preview.velocity_decay, self._preview.velocity_gain

@@ -124,6 +124,12 @@ class TestProtection:
         counters = [generic.encode(Motion())[0].data[1] & 0x0F for _ in range(17)]
         assert counters == [*range(15), 0, 1]
 
+    def test_a_rehearsal_does_not_count(self):
+        generic = codec("generic")
+        first = generic.encode(Motion())[0]
+        generic.rehearse(Motion(0.5))
+        assert generic.encode(Motion())[0].data[1] & 0x0F == (first.data[1] & 0x0F) + 1
+
     def test_feedback_with_wrong_crc_or_old_counter_is_refused(self, tmp_path):
         ids = list(range(1, 17))
         table = f'[protection.Status]\nprofile = "e2e_p02"\ndata_id_list = {ids}\n'
@@ -202,6 +208,14 @@ class TestProfiles:
                 r"limits.speed_m_s: MotionCommand.Linear cannot carry 40",
             ),
             ({"period_s = 0.02": "period_s = 0.02\nframe_ids = { X = 1 }"}, "frame_ids.X: no message"),
+            (
+                {"Linear : 7|16": "Linear M : 7|16", "Angular : 23|16": "Angular m0 : 23|16"},
+                "motion.MotionCommand: MotionCommand is multiplexed",
+            ),
+            (
+                {"ControlMode : 7|8": "ControlMode M : 7|8", "LimoMotionMode :": "LimoMotionMode m1 :"},
+                r"enable\[1\].signals: ControlModeCommand is multiplexed",
+            ),
             ({"SystemState = 0.5, ": ""}, "stale_s: must give the greatest age of SystemState"),
             ({"MotionState.Linear": "MotionState.Sideways"}, "feedback.Sideways: no such signal"),
             ({"period_s = 0.02": "period_s = 2"}, "`period_s` must lie in"),

@@ -43,6 +43,18 @@ def test_conditions(mode, error, later, condition, said):
     assert said in health.detail
 
 
+def test_each_look_judges_what_is_newest():
+    made = rules()
+    assert made.health(10.0).condition is Condition.READY
+    made.take(Decoded("S", {"S.mode": 0, "S.error": 0}), 10.05)
+    assert made.health(10.05).condition is Condition.WAITING
+    assert made.health(10.11).condition is Condition.FAULT
+    made.take(Decoded("M", {"M.v": 0.0}), 10.25)
+    made.take(Decoded("S", {"S.mode": 1, "S.error": 0}), 10.25)
+    assert made.health(10.3).condition is Condition.READY
+    assert made.health(10.36).detail == "M is 0.11 s old"
+
+
 def test_before_anything_arrived():
     health = FeedbackRules(FEEDBACK).health(0.0)
     assert health.condition is Condition.FAULT

@@ -119,8 +119,9 @@ def test_refused_commands_do_not_postpone_the_deadline():
 
 def test_stops_when_commands_end():
     rig = Rig().driving()
-    assert rig.guard.next_due_s() == pytest.approx(rig.now + 0.06)
-    rig.wait(0.0599)
+    rig.wait(0.0195)
+    assert rig.guard.next_due_s() == pytest.approx(rig.now + 0.06 - 0.0195)
+    rig.wait(0.0599 - 0.0195)
     assert rig.link.log == []
     rig.wait(0.0002)
     assert rig.link.log == ["stop 1"]
@@ -142,6 +143,36 @@ def test_commands_end_while_enabling():
     assert rig.link.log == ["enable 1", "stop 1"]
     rig.settle()
     assert rig.link.log == ["enable 1", "stop 1", "stop 2"]
+
+
+def test_the_next_commands_way_is_rehearsed_once_a_millisecond_before_it():
+    rig = Rig().driving()
+    sent_s, counts = rig.now, rig.guard.report().counts
+    assert rig.guard.next_due_s() == pytest.approx(sent_s + 0.019)
+    rig.link.rehearsed.clear()
+    rig.wait(0.0189)
+    assert rig.link.rehearsed == []
+    rig.wait(0.0002)
+    assert rig.link.rehearsed == [(rig.sequence, rig.now)]
+    rig.wait(0.0009)
+    assert len(rig.link.rehearsed) == 1
+    assert rig.link.log == []
+    assert rig.guard.report().counts == counts
+
+
+def test_what_a_rehearsal_runs_into_is_left_to_the_command():
+    rig = Rig().driving()
+    rig.link.failing = {"rehearse"}
+    rig.run(0.1)
+    assert rig.guard.phase is Phase.DRIVING
+    assert [entry[0] for entry in rig.link.log] == ["send"] * 5
+
+
+def test_commands_that_are_not_forwarded_are_not_rehearsed():
+    rig = Rig(FakeLink(Condition.WAITING), arm=False)
+    rig.run(0.1)
+    assert rig.link.rehearsed == []
+    assert rig.guard.next_due_s() == math.inf
 
 
 def test_a_stop_is_final():

@@ -123,6 +123,7 @@ def test_stop_asks_a_driving_guard(bridge, guard, monkeypatch):
     monkeypatch.setattr(bridge_module, "STOPPING_S", 0.05)
     with pytest.raises(BridgeError, match=r"did not finish the stop sequence within 0.05 s"):
         bridge.stop("ordered")
+    monkeypatch.undo()
     assert guard.heard() == StopRequest("ordered")
 
 

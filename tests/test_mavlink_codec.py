@@ -2,6 +2,7 @@ import math
 import os
 import random
 import struct
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -300,6 +301,35 @@ class TestWriting:
         assert (message.afx, message.afy, message.afz) == (0.25, -0.25, 0.0)
         assert message.yaw_rate == -0.75
 
+    @given(
+        sequence=st.integers(0, 255),
+        now_s=st.floats(0.0, 1e9),
+        system=st.integers(1, 255),
+        target=st.tuples(st.integers(1, 255), st.integers(1, 255)),
+        frame=st.integers(0, 255),
+        mask=st.integers(0, 2**16 - 1),
+        numbers=st.lists(st.floats(width=32, allow_nan=False), min_size=5, max_size=5),
+        tick=st.none() | st.integers(0, 2**48 - 1),
+    )
+    def test_setpoints_are_pymavlinks_to_the_bit(
+        self, sequence, now_s, system, target, frame, mask, numbers, tick
+    ):
+        vx, vy, ax, ay, rate = numbers
+        message = common.MAVLink_set_position_target_local_ned_message(
+            int(now_s * 1e3) % 2**32, *target, frame, mask, 0, 0, 0, vx, vy, 0, ax, ay, 0, 0, rate
+        )
+        oracle = common.MAVLink(None, srcSystem=system, srcComponent=COMPANION)
+        oracle.seq = sequence
+        signing = None
+        if tick is not None:
+            oracle.signing.secret_key, oracle.signing.sign_outgoing = KEY, True
+            oracle.signing.timestamp = tick
+            signing = Signing(KEY, SimpleNamespace(last=0, next=lambda: tick))
+        encoder = Encoder(system, target, signing)
+        encoder._packer.seq = sequence
+        outgoing = Target(frame, mask, (vx, vy), (ax, ay), rate)
+        assert encoder.encode(outgoing, now_s) == bytes(message.pack(oracle))
+
     def test_the_time_wraps_with_its_field(self, read):
         assert read(Target(1, 0), now_s=2**32 / 1e3 + 1.0).time_boot_ms == 1000
 
@@ -331,6 +361,19 @@ class TestWriting:
     def test_sequence_numbers_count_and_wrap(self):
         encoder = Encoder(255, (1, 1))
         assert [encoder.encode(Beat(), 0.0)[4] for _ in range(258)] == [*range(256), 0, 1]
+
+    @pytest.mark.parametrize("outgoing", [Beat(), Target(8, 0x5C7, (1.5, -0.5))])
+    def test_a_rehearsal_uses_up_no_number_and_no_timestamp(self, outgoing, signing):
+        encoder = Encoder(255, (1, 1), signing)
+        first = encoder.encode(outgoing, 0.0)
+        last = signing.timestamps.last
+        encoder.rehearse(outgoing, 0.0)
+        assert signing.timestamps.last == last
+        second = encoder.encode(outgoing, 0.0)
+        assert second[4] == first[4] + 1
+        oracle = common.MAVLink(None)
+        oracle.signing.secret_key = KEY
+        assert all(oracle.decode(bytearray(frame)).get_signed() for frame in (first, second))
 
     def test_without_a_key_frames_are_not_signed(self):
         assert Encoder(255, (1, 1)).encode(Beat(), 0.0)[2] == 0
