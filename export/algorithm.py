@@ -31,7 +31,7 @@ class TrainingSettings:
     """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
     gradient_limit: float = 1.0
     validation_every: int = 10
-    """Updates between two validations, each followed by a checkpoint."""
+    """Updates between two validations; a checkpoint follows every update."""
     validation_episodes: int = 512
 
 

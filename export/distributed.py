@@ -72,8 +72,11 @@ def join() -> Iterator[Workers]:
         dist.destroy_process_group()
 
 
-def launch(count: int, function: Callable[..., None], *arguments: object) -> None:
+def launch(count: int, function: Callable[..., Value], *arguments: object) -> dict[int, Value]:
     """Run ``function(*arguments)`` in ``count`` processes of this machine, as ``torchrun`` would.
+
+    Returns:
+        What each worker returned, by rank.
 
     Raises:
         torch.distributed.elastic.multiprocessing.errors.ChildFailedError: if a worker fails.
@@ -87,4 +90,4 @@ def launch(count: int, function: Callable[..., None], *arguments: object) -> Non
         rdzv_endpoint="localhost:0",
         max_restarts=0,
     )
-    elastic_launch(config, function)(*arguments)
+    return elastic_launch(config, function)(*arguments)

@@ -20,6 +20,7 @@ examples:
   edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
   edge-train navigation --algorithm mafpo --seed 1 --out runs/mafpo-1     the ratio of eq. 8
   edge-train navigation --algorithm mappo --out runs/mappo                the paper's Gaussian baseline
+  edge-train navigation --algorithm pc-mappo --out runs/pc-mappo          the same, told its objectives
   edge-train navigation --out runs/nav --workers 2           two processes, one policy
 
 the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv and curve.png
@@ -64,6 +65,15 @@ def check(request: Request, workers: int) -> None:
         raise ConfigError(f"--frames must be at least 1, got {request.frames}")
 
 
+def _make_directory(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: no directory can be made there ({error.strerror}); choose another"
+        ) from error
+
+
 def work(request: Request) -> None:
     """Train as one worker, alone or in the group that torchrun made."""
     # The matrices are small: further threads only contend, and sums stay in one order.
@@ -79,15 +89,26 @@ def work(request: Request) -> None:
         print(f"best validation score {run.best_score:.1%}; next: edge-export {request.out} --out DIR")
 
 
+def _work_in_group(request: Request) -> EdgeError | None:
+    """Return what should end in one line; torchrun's conventions would make a traceback of it."""
+    try:
+        work(request)
+    except EdgeError as error:
+        return error
+    return None
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit code."""
     request, workers = parse(arguments)
     try:
         check(request, workers)
-        request.out.mkdir(parents=True, exist_ok=True)
+        _make_directory(request.out)
         if workers > 1:
             make_plan(request, workers)  # one line from here says more than one from every worker
-            launch(workers, work, request)
+            for refusal in launch(workers, _work_in_group, request).values():
+                if refusal:
+                    raise refusal
         else:
             work(request)
     except EdgeError as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from edge_runtime.errors import ConfigError
 from export.algorithm import TrainingSettings
 from export.checkpoint import CHECKPOINT, PolicyFacts, save, save_policy
 from export.distributed import Workers
@@ -60,7 +61,7 @@ class TrainingRun:
         return math.ceil(settings.frames / per_update) * per_update
 
     def train(self, show: Callable[[MetricsRow], None]) -> None:
-        """Train to the end; ``show`` is called after every update.
+        """Train to the end; ``show`` is called after every update, when the checkpoint holds it.
 
         Raises:
             ConfigError: if a file cannot be written.
@@ -70,13 +71,12 @@ class TrainingRun:
         while self.trainer.frames < self.total_frames:
             row = self._update(lambda: before + time.monotonic() - began)
             due = (len(self.rows) + 1) % self.trainer.settings.validation_every == 0
-            if due or self.trainer.frames >= self.total_frames:
-                row = self._validated(row)
-                self.rows.append(row)
-                self._checkpoint()
-            else:
-                self.rows.append(row)
-            show(row)
+            due = due or self.trainer.frames >= self.total_frames
+            self.rows.append(self._validated(row) if due else row)
+            self._checkpoint()
+            if due:
+                self._write(self._draw)
+            show(self.rows[-1])
 
     def _update(self, clock: Callable[[], float]) -> MetricsRow:
         rate = self.trainer.learning_rate
@@ -96,8 +96,8 @@ class TrainingRun:
         metrics, score = self._validation.run(self.trainer.algorithm)
         if score >= self.best_score:
             self.best_score = score
-            if self._workers.leads:
-                save_policy(self._request.out, self.trainer.algorithm.actor, self._policy_facts())
+            actor, facts = self.trainer.algorithm.actor, self._policy_facts()
+            self._write(lambda: save_policy(self._request.out, actor, facts))
         return replace(
             row,
             validation_return=metrics.mean_return,
@@ -120,24 +120,33 @@ class TrainingRun:
         )
 
     def _checkpoint(self) -> None:
-        worker_states = self._workers.gather(self.trainer.worker_state_dict())
-        if not self._workers.leads:
-            return
         out = self._request.out
-        save(
-            out / CHECKPOINT,
-            {
-                "identity": asdict(self._identity),
-                "trainer": self.trainer.state_dict(),
-                "workers": worker_states,
-                "rows": [asdict(row) for row in self.rows],
-                "best_score": self.best_score,
-            },
-        )
+        state = {
+            "identity": asdict(self._identity),
+            "trainer": self.trainer.state_dict(),
+            "workers": self._workers.gather(self.trainer.worker_state_dict()),
+            "rows": [asdict(row) for row in self.rows],
+            "best_score": self.best_score,
+        }
+        self._write(lambda: save(out / CHECKPOINT, state))
         if self.rows:
-            title = f"{self._request.algorithm} on {self._request.scenario}, seed {self._request.seed}"
-            write_table(out / "metrics.csv", self.rows)
-            draw_curve(out / "curve.png", self.rows, title, self.facts.failure)
+            self._write(lambda: write_table(out / "metrics.csv", self.rows))
+
+    def _draw(self) -> None:
+        title = f"{self._request.algorithm} on {self._request.scenario}, seed {self._request.seed}"
+        draw_curve(self._request.out / "curve.png", self.rows, title, self.facts.failure)
+
+    def _write(self, write: Callable[[], None]) -> None:
+        """Let the leading worker write a file; where it cannot, all workers end alike."""
+        failure = None
+        if self._workers.leads:
+            try:
+                write()
+            except ConfigError as error:
+                failure = error
+        for reported in self._workers.gather(failure):
+            if reported:
+                raise reported
 
     def _restore(self, saved: dict) -> None:
         self.trainer.load_state_dict(saved["trainer"])

@@ -20,6 +20,16 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, cap
     assert not list(tmp_path.iterdir())
 
 
+def test_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert main(["navigation", "--out", str(tmp_path / "file" / "run")]) == 2
+    error = capsys.readouterr().err
+    assert error == (
+        f"edge-train: --out {tmp_path}/file/run: no directory can be made there (Not a directory); "
+        "choose another\n"
+    )
+
+
 def test_unknown_scenario_names_the_known_ones(tmp_path, capsys):
     with pytest.raises(SystemExit) as exit_:
         main(["juggling", "--out", str(tmp_path)])

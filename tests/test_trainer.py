@@ -9,6 +9,7 @@ from export.algorithm import TrainingSettings
 from export.distributed import Workers, join, launch
 from export.mafpo import Mafpo
 from export.mafpo_chain import MafpoChain
+from export.mappo import Mappo
 from export.rollout import Rollout
 from export.scenarios import make_scenario
 from export.trainer import Trainer
@@ -28,7 +29,8 @@ def make_trainer(algorithm, workers):
     scenario = make_scenario("navigation", ENVIRONMENTS // workers.count, 0, workers.device, training=True)
     generator = torch.Generator().manual_seed(workers.rank)
     learner = algorithm(18, 2)
-    learner.flow = replace(learner.flow, half_precision=False)
+    if not isinstance(learner, Mappo):
+        learner.flow = replace(learner.flow, half_precision=False)
     return Trainer(scenario, learner, SETTINGS, generator, workers)
 
 
@@ -49,7 +51,7 @@ def train_on_share(directory):
     """Two updates on this worker's share; every worker writes the weights it ends with."""
     torch.set_num_threads(1)
     with join() as workers:
-        for algorithm in (Mafpo, MafpoChain):
+        for algorithm in (Mafpo, MafpoChain, Mappo):
             trainer = make_trainer(algorithm, workers)
             share = ENVIRONMENTS // workers.count
             for _ in range(2):
@@ -74,7 +76,7 @@ def everything_learned(path):
 def test_two_workers_at_half_the_batch_make_one_workers_update(tmp_path):
     train_on_share(tmp_path)
     launch(2, train_on_share, tmp_path)
-    for name in (Mafpo.name, MafpoChain.name):
+    for name in (Mafpo.name, MafpoChain.name, Mappo.name):
         alone, first, second = (
             everything_learned(tmp_path / f"{name}-{worker}.pt") for worker in ("1-0", "2-0", "2-1")
         )

@@ -1,4 +1,6 @@
 import csv
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +14,7 @@ from edge_runtime.errors import ConfigError
 from export.algorithm import TrainingSettings
 from export.checkpoint import load, load_policy
 from export.distributed import Workers
-from export.plan import Request, make_plan
+from export.plan import ALGORITHMS, Request, make_plan
 from export.training_run import TrainingRun
 
 SETTINGS = TrainingSettings(
@@ -30,9 +32,9 @@ def request(out, **changes):
     return replace(Request("navigation", "mafpo-chain", 0, out), **changes)
 
 
-def train(request, show=lambda _row: None):
+def train(request, show=lambda _row: None, settings=SETTINGS):
     torch.set_num_threads(1)
-    run = TrainingRun(request, Workers(), SETTINGS)
+    run = TrainingRun(request, Workers(), settings)
     run.train(show)
     return run
 
@@ -75,6 +77,45 @@ def test_resumed_after_sigkill_it_ends_as_if_never_interrupted(finished, tmp_pat
     train(request(tmp_path, resume=True))
     for name in ("checkpoint.pt", "best.pt"):
         assert same(load(finished / name), load(tmp_path / name))
+
+
+def interrupt_at(frames):
+    """Stop as Ctrl-C does, after the update that reaches ``frames``."""
+
+    def show(row):
+        if row.frames == frames:
+            raise KeyboardInterrupt
+
+    return show
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+def test_every_algorithm_resumes_between_two_validations(algorithm, tmp_path):
+    settings = replace(SETTINGS, frames=3 * 48, validation_every=9)
+    whole, parts = (request(tmp_path / part, algorithm=algorithm) for part in ("whole", "parts"))
+    for part in (whole, parts):
+        part.out.mkdir()
+    train(whole, settings=settings)
+    with pytest.raises(KeyboardInterrupt):
+        train(parts, interrupt_at(2 * 48), settings)
+    assert load(parts.out / "checkpoint.pt")["trainer"]["frames"] == 2 * 48
+    train(replace(parts, resume=True), settings=settings)
+    for name in ("checkpoint.pt", "best.pt"):
+        assert same(load(whole.out / name), load(parts.out / name))
+
+
+def test_full_disk_ends_in_one_line_and_what_was_done_is_kept(tmp_path, monkeypatch):
+    def no_space(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fill_disk(row):
+        if row.frames == 48:
+            monkeypatch.setattr(os, "fsync", no_space)
+
+    with pytest.raises(ConfigError, match=r"checkpoint\.pt: No space left on device; .* --resume$"):
+        train(request(tmp_path), fill_disk)
+    monkeypatch.undo()
+    assert TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS).trainer.frames == 48
 
 
 def test_leaves_a_table_a_picture_and_the_best_policy(finished):
