@@ -110,7 +110,7 @@ def load_steering(path: Path) -> Steering:
     Raises:
         ConfigError: names the file, the key and what is allowed.
     """
-    return _steering(read_toml(path), path)
+    return make_steering(read_toml(path), path)
 
 
 def parse_steering(content: bytes, path: Path) -> Steering:
@@ -119,10 +119,15 @@ def parse_steering(content: bytes, path: Path) -> Steering:
     Raises:
         ConfigError: as `load_steering`.
     """
-    return _steering(parse_toml(content, path), path)
+    return make_steering(parse_toml(content, path), path)
 
 
-def _steering(table: Table, path: Path) -> Steering:
+def make_steering(table: Table, path: Path) -> Steering:
+    """Check what an objectives file says; ``path`` is its name, beside which own objectives lie.
+
+    Raises:
+        ConfigError: as `load_steering`.
+    """
     tables = to_record(table, _SteeringTables, path)
     return Steering(_objectives(tables.objectives, path), tables.guidance)
 

@@ -1,9 +1,8 @@
 """The JSON of a log: records to messages and back exactly, and their JSON Schemas."""
 
-import functools
 import math
 import types
-from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -15,10 +14,9 @@ _encode = msgspec.json.encode
 
 
 def encode(record: msgspec.Struct) -> bytes:
-    """Return a record as JSON; numbers that are not finite become strings, see `edge_runtime.log_schema`."""
+    """Return a record as JSON: what is None is left out, a number that is not finite becomes a string."""
     encoded = _encode(record)
-    # msgspec writes null for what is not finite, and no record of a log has a null of its own.
-    if b"null" in encoded:
+    if b"null" in encoded:  # msgspec writes it for both
         return _encode(_spelled_out(msgspec.to_builtins(record)))
     return encoded
 
@@ -47,23 +45,28 @@ def _schema(kind: Any) -> dict[str, Any]:  # noqa: ANN401  # types of any form
         item, *more = get_args(kind)
         sizes = {} if more == [...] else {"minItems": 1 + len(more), "maxItems": 1 + len(more)}
         return {"type": "array", "items": _schema(item), **sizes}
-    if isinstance(kind, types.GenericAlias) or not issubclass(kind, msgspec.Struct):
+    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
         raise TypeError(f"a log cannot hold {kind}")
-    properties = {name: _schema(hint) for name, hint in _hints(kind).items()}
-    return {"title": kind.__name__, "type": "object", "properties": properties, "required": [*properties]}
-
-
-@functools.cache
-def _hints(kind: type[msgspec.Struct]) -> dict[str, Any]:
     hints = get_type_hints(kind)
-    return {name: hints[name] for name in kind.__struct_fields__}
+    fields = {name: hints[name] for name in kind.__struct_fields__}
+    required = [name for name, hint in fields.items() if _present(hint) is hint]
+    properties = {name: _schema(_present(hint)) for name, hint in fields.items()}
+    return {"title": kind.__name__, "type": "object", "properties": properties, "required": required}
+
+
+def _present(hint: Any) -> Any:  # noqa: ANN401  # types of any form
+    """What an optional field holds if it holds anything; another field's type as it is."""
+    if get_origin(hint) not in (types.UnionType, Union):
+        return hint
+    (present,) = (option for option in get_args(hint) if option is not types.NoneType)
+    return present
 
 
 def _spelled_out(value: Any) -> Any:  # noqa: ANN401  # what JSON holds
     if isinstance(value, float) and not math.isfinite(value):
         return _NON_FINITE.get(value, "NaN")
     if isinstance(value, dict):
-        return {name: _spelled_out(item) for name, item in value.items()}
+        return {name: _spelled_out(item) for name, item in value.items() if item is not None}
     if isinstance(value, list | tuple):
         return [_spelled_out(item) for item in value]
     return value

@@ -6,6 +6,7 @@ the same log time; `edge_runtime.log_reader` puts them together again as one `Ti
 
 - Log times are Unix nanoseconds that advance with the monotonic clock: the wall clock at the start plus the
   monotonic time since. Stamps inside records are monotonic seconds of the robot, ages are seconds.
+- A field that is None is left out of its message.
 - JSON numbers are the shortest that read back as the same double. A number that is not finite, for which
   JSON has no form, is one of the strings "NaN", "Infinity" and "-Infinity", as in protobuf's JSON.
 - Every file of a run stands by itself: it begins with `Start` and the `ObjectiveSet` in force.
