@@ -1,6 +1,8 @@
 """edge-sil: real robot processes against firmware and a plant, judged before any wheel turns."""
 
 import argparse
+import contextlib
+import importlib.util
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -18,7 +20,8 @@ from firmware_bridge.sil.judge import judge
 from firmware_bridge.sil.limits import DEFAULT_LIMITS
 from firmware_bridge.sil.processes import Crew
 from firmware_bridge.sil.report import SilReport
-from firmware_bridge.sil.scenario import Request, prepare
+from firmware_bridge.sil.robots import check_robot
+from firmware_bridge.sil.scenario import Request, Scenario, prepare
 from firmware_bridge.sil.table import table
 
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
@@ -91,36 +94,51 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
     return request, flags.json
 
 
-def simulate(request: Request, signals: StopSignals) -> SilReport:
-    """Run one scenario from preparation to verdict.
+def simulate(scenario: Scenario, signals: StopSignals) -> SilReport:
+    """Run a scenario to its verdict.
 
     Raises:
-        ConfigError: if the request does not hold together; nothing was started.
         BridgeError: if the run could not be carried to its end; nothing is left running.
     """
-    with tempfile.TemporaryDirectory(prefix="edge-sil-") as name:
-        scenario = prepare(request, Path(name))
-        with Crew(scenario.folder) as crew:
-            recording = Harness(scenario, crew, signals).run()
-        return judge(scenario, recording)
+    with Crew(scenario.folder) as crew:
+        recording = Harness(scenario, crew, signals).run()
+    return judge(scenario, recording)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-sil``; returns the exit code."""
-    try:
-        request, json = parse(arguments)
-        if json is not None:
-            _check_writable(json)
-        with StopSignals() as signals:
-            report = simulate(request, signals)
-    except EdgeError as error:
-        print(f"edge-sil: {error}", file=sys.stderr)
-        return 2 if isinstance(error, ConfigError) else 1
+    with contextlib.ExitStack() as stack:
+        try:
+            request, json = parse(arguments)
+            _check_installed()
+            if json is not None:
+                _check_writable(json)
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="edge-sil-"))
+            scenario = prepare(request, Path(folder))
+            for station in scenario.stations:
+                check_robot(scenario, station)
+        except EdgeError as error:
+            return _complain(error, 2)
+        try:
+            report = simulate(scenario, stack.enter_context(StopSignals()))
+        except EdgeError as error:
+            return _complain(error, 1)
     stream = output()
     print(table(report, colour=use_colour(stream)), file=stream)
     if json is not None:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     return EXIT_CODES[report.verdict]
+
+
+def _complain(error: EdgeError, code: int) -> int:
+    print(f"edge-sil: {error}", file=sys.stderr)
+    return code
+
+
+def _check_installed() -> None:
+    missing = [name for name in ("msgpack", "tomli_w") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ConfigError(f"{', '.join(missing)} missing; run: pip install 'cfpg-edge[sil]'")
 
 
 def _check(flag: str, value: float, low: float, high: float) -> None:

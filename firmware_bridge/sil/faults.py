@@ -94,9 +94,18 @@ class CpuHog(Lasting, frozen=True, kw_only=True, tag="cpu_hog"):
 
 
 class ClockJump(Fault, frozen=True, kw_only=True, tag="clock_jump"):
-    """The wall clock of every runtime and guard jumps ahead, through libfaketime; the machine's stays."""
+    """The wall clock jumps ahead, and back when the run is over; needs CAP_SYS_TIME.
+
+    A kernel has one wall clock: all its processes see this. Use a computer or a virtual machine of its own.
+    """
 
     by_s: float = 3600.0
+    whole_machine: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.whole_machine:
+            raise ValueError("clock_jump sets the machine's own clock: allow it by `whole_machine = true`")
 
 
 class NetworkFault(Lasting, frozen=True, kw_only=True):

@@ -11,8 +11,7 @@ import msgspec
 from edge_runtime.errors import BridgeError
 from edge_runtime.report import RunReport
 from edge_runtime.signals import StopSignals
-from firmware_bridge.sil.decisions import Decisions, read_decisions
-from firmware_bridge.sil.faults import ClockJump, CpuHog, Hostile
+from firmware_bridge.sil.faults import CpuHog, Hostile
 from firmware_bridge.sil.field import FieldRecord, FieldSpec, FieldStart, record_path
 from firmware_bridge.sil.hostile import HostileSpec
 from firmware_bridge.sil.injector import Injector
@@ -21,9 +20,9 @@ from firmware_bridge.sil.probe import ProbeRecord
 from firmware_bridge.sil.processes import Child, Crew
 from firmware_bridge.sil.relay import Line, RelaySpec
 from firmware_bridge.sil.report import ProcessCost
+from firmware_bridge.sil.robot_log import RobotLog, read_robot_log
 from firmware_bridge.sil.robots import MODULE, log_folder, report_path, robot_arguments
 from firmware_bridge.sil.scenario import Scenario
-from firmware_bridge.sil.wall_clock import faked_environment
 
 PACKAGE = "firmware_bridge.sil"
 STARTING_S = 30.0
@@ -43,7 +42,7 @@ class Recording:
     field: FieldRecord
     probe: ProbeRecord
     reports: dict[int, RunReport]
-    decisions: dict[int, Decisions]
+    logs: dict[int, RobotLog]
     costs: tuple[ProcessCost, ...]
     others_cpu_cores: float
     done_s: dict[int, float]
@@ -55,7 +54,6 @@ class Harness:
 
     def __init__(self, scenario: Scenario, crew: Crew, signals: StopSignals) -> None:
         self._scenario, self._crew, self._signals = scenario, crew, signals
-        self._offset_file = scenario.folder / "wall_clock_offset"
         self._ended: dict[str, str] = {}
         self._meter = Meter(crew, os.getpid())
 
@@ -70,10 +68,12 @@ class Harness:
         start = self._await_start(field)
         for helper in helpers:
             helper.tell(msgspec.json.encode(start).decode())
-        injector = Injector(self._scenario.faults, self._crew, self._offset_file)
-        self._follow(start.t0_s, injector)
-        end_s = min(time.monotonic(), start.t0_s + self._scenario.request.duration_s)
-        injector.restore()
+        injector = Injector(self._scenario.faults, self._crew)
+        try:
+            self._follow(start.t0_s, injector)
+        finally:
+            injector.restore()
+        end_s = start.t0_s + self._scenario.request.duration_s
         return self._end(start.t0_s, end_s, field, helpers, injector)
 
     def _start_field(self) -> Child:
@@ -112,12 +112,9 @@ class Harness:
         return helpers
 
     def _start_robots(self) -> None:
-        environment = dict(ONE_THREAD)
-        if any(isinstance(fault, ClockJump) for fault in self._scenario.faults):
-            environment |= faked_environment(self._offset_file)
         for station in self._scenario.stations:
             arguments = robot_arguments(self._scenario, station)
-            self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, environment)
+            self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, ONE_THREAD)
 
     def _start(self, name: str, module: str, *arguments: str, answers: bool = False) -> Child:
         return self._crew.start(name, f"{PACKAGE}.{module}", arguments, ONE_THREAD, answers=answers)
@@ -188,7 +185,7 @@ class Harness:
             record,
             probe,
             self._reports(),
-            self._decisions(),
+            self._logs(),
             self._meter.costs(),
             self._meter.others_cpu_cores(),
             injector.done_s,
@@ -203,9 +200,9 @@ class Harness:
                 reports[station.robot_id] = msgspec.json.decode(path.read_bytes(), type=RunReport)
         return reports
 
-    def _decisions(self) -> dict[int, Decisions]:
+    def _logs(self) -> dict[int, RobotLog]:
         robots = [station.robot_id for station in self._scenario.stations]
-        return {robot_id: read_decisions(log_folder(self._scenario, robot_id)) for robot_id in robots}
+        return {robot_id: read_robot_log(log_folder(self._scenario, robot_id)) for robot_id in robots}
 
     def _robots(self) -> list[Child]:
         return [self._crew.children[f"robot_{station.robot_id}"] for station in self._scenario.stations]

@@ -4,13 +4,12 @@ import contextlib
 import os
 import resource
 import signal
+import time
 from collections.abc import Callable
-from pathlib import Path
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.faults import AnyFault, ClockJump, Freeze, Kill, LogFull
 from firmware_bridge.sil.processes import Crew
-from firmware_bridge.sil.wall_clock import set_offset
 
 Deed = Callable[[], None]
 
@@ -21,11 +20,11 @@ class Injector:
     Args:
         faults: the timeline.
         crew: whose processes are meant; a robot's runtime is the child ``robot_K``.
-        offset_file: what libfaketime reads.
     """
 
-    def __init__(self, faults: tuple[AnyFault, ...], crew: Crew, offset_file: Path) -> None:
-        self._crew, self._offset_file = crew, offset_file
+    def __init__(self, faults: tuple[AnyFault, ...], crew: Crew) -> None:
+        self._crew = crew
+        self._clock_ahead_s = 0.0
         self.done_s: dict[int, float] = {}
         """When each fault, by its place in the timeline, was done, in the run's time."""
         self._due: list[tuple[float, int, Deed]] = []
@@ -50,6 +49,7 @@ class Injector:
         for _, _, deed in self._due:
             deed()
         self._due.clear()
+        self._jump(-self._clock_ahead_s)
 
     def _plan(self, index: int, fault: AnyFault) -> None:
         match fault:
@@ -59,7 +59,7 @@ class Injector:
                 self._add(fault.at_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGSTOP))
                 self._add(fault.end_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGCONT))
             case ClockJump():
-                self._add(fault.at_s, index, lambda: set_offset(self._offset_file, fault.by_s))
+                self._add(fault.at_s, index, lambda: self._jump(fault.by_s))
             case LogFull():
                 self._add(fault.at_s, index, lambda: self._limit_files(0))
                 self._add(fault.end_s, index, lambda: self._limit_files(resource.RLIM_INFINITY))
@@ -80,6 +80,11 @@ class Injector:
         if f"{name}/guard" not in guards:
             raise BridgeError(f"{name} has no guard to break")
         return guards[f"{name}/guard"]
+
+    def _jump(self, seconds: float) -> None:
+        if seconds:
+            self._clock_ahead_s += seconds
+            time.clock_settime(time.CLOCK_REALTIME, time.time() + seconds)
 
     def _limit_files(self, size: int) -> None:
         """Let no regular file of the robots grow beyond ``size`` bytes."""

@@ -59,6 +59,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
     robot_id, period_s = node.robot_id, scenario.period_s
     runtime = recording.reports.get(robot_id)
     fleet = runtime.fleet if runtime else None
+    log = recording.logs[robot_id]
     timing = timing_of([node], recording, period_s)
     speed = np.hypot(node.forward_m_s, node.yaw_rad_s)
     own = [cost for cost in recording.costs if cost.name.partition("/")[0] == f"robot_{robot_id}"]
@@ -69,8 +70,8 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         deadline_misses=timing.misses,
         longest_burst=timing.longest_burst,
         pose_to_command_age_ms=percentiles(_pose_ages(scenario, recording, node), 1e3),
-        fleet_message_age_ms=fleet.message_age_ms if fleet else None,
-        fleet_used_age_ms=fleet.used_age_ms if fleet else None,
+        fleet_message_age_ms=percentiles(log.message_ages_s(recording.t0_s, recording.end_s), 1e3),
+        fleet_used_age_ms=percentiles(log.state_ages_s(recording.t0_s, recording.end_s), 1e3),
         objective_violations_share=deeds.violated_s / (recording.end_s - recording.t0_s),
         collisions=deeds.collisions,
         goals_reached=int(deeds.goal_distance_m <= scenario.fleet.team.goal_tolerance_m),
@@ -130,11 +131,11 @@ def timing_of(nodes: Sequence[NodeRecord], recording: Recording, period_s: float
 
 
 def _pose_ages(scenario: Scenario, recording: Recording, node: NodeRecord) -> Floats:
-    decisions = recording.decisions[node.robot_id]
+    log = recording.logs[node.robot_id]
     arrival_s = np.array(node.command_s)
     inside = arrival_s[(arrival_s >= recording.t0_s) & (arrival_s < recording.end_s)]
     tolerance_s = POSE_TOLERANCE_S[scenario.request.bridge]
-    return pose_ages(inside, decisions.decided_s, decisions.used_pose_s, np.array(node.pose_s), tolerance_s)
+    return pose_ages(inside, log.decided_s, log.used_pose_s, np.array(node.pose_s), tolerance_s)
 
 
 def _worst(every: Iterable[Percentiles | None]) -> Percentiles | None:

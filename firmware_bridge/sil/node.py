@@ -3,6 +3,7 @@
 import abc
 import time
 from array import array
+from typing import Final
 
 import msgspec
 
@@ -10,6 +11,8 @@ from edge_runtime.messages import Vector2
 from firmware_bridge.sil.world import Pose
 
 REST: Vector2 = (0.0, 0.0)
+LONGEST_QUEUE_S: Final = 1.0
+"""No frame waits longer to be read."""
 
 
 class NodeRecord(msgspec.Struct, frozen=True):
@@ -96,5 +99,10 @@ class FirmwareNode(abc.ABC):
 
 
 def to_monotonic(stamp_s: float) -> float:
-    """Turn a kernel's stamp of arrival, which is of the wall clock, into monotonic time."""
-    return stamp_s - (time.time() - time.monotonic())
+    """Turn a kernel's stamp of arrival, which is of the wall clock, into monotonic time.
+
+    A stamp from before the wall clock was set means nothing: then the frame counts as arriving now.
+    """
+    now_s = time.monotonic()
+    waited_s = time.time() - stamp_s
+    return now_s - waited_s if 0.0 <= waited_s < LONGEST_QUEUE_S else now_s

@@ -25,7 +25,7 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
     pose_to_command_age_ms: Percentiles | None
     """From the measurement of the pose that a command rests on to its arrival at the firmware."""
     fleet_message_age_ms: Percentiles | None
-    """Of accepted messages when they were taken; the team's is the worst robot's."""
+    """Of teammates' messages when the policy first used them; the team's is the worst robot's."""
     fleet_used_age_ms: Percentiles | None
     """Of the teammates' states that the policy was given, tick by tick; the team's is the worst robot's."""
     objective_violations_share: float

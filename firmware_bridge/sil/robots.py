@@ -1,7 +1,11 @@
 """How the harness starts each robot: the very command that a user would type."""
 
+import importlib
 from pathlib import Path
 
+from edge_runtime.flags import make_mission, make_parser
+from edge_runtime.key_file import read_key
+from edge_runtime.run import BRIDGES
 from firmware_bridge.frames import rotate
 from firmware_bridge.sil.can_node import PROFILE
 from firmware_bridge.sil.mavlink_node import AUTOPILOT
@@ -24,6 +28,7 @@ def robot_arguments(scenario: Scenario, station: Station) -> list[str]:
         "--rate": request.rate_hz,
         "--duration": request.duration_s + STARTING_S,
         "--json": report_path(scenario, station.robot_id),
+        "--log-dir": log_folder(scenario, station.robot_id),
         "--guard-deadline": deadline_s,
         "--seed": station.robot_id,
     }
@@ -38,6 +43,22 @@ def robot_arguments(scenario: Scenario, station: Station) -> list[str]:
         "--stay",
         *(["--realtime"] if request.realtime else []),
     ]
+
+
+def check_robot(scenario: Scenario, station: Station) -> None:
+    """Check one robot's command as edge-run itself does before it opens anything.
+
+    Raises:
+        EdgeError: what edge-run would complain of.
+    """
+    link = importlib.import_module(BRIDGES[scenario.request.bridge])
+    parser = make_parser(tuple(BRIDGES))
+    link.add_arguments(parser)
+    flags = parser.parse_args(robot_arguments(scenario, station))
+    mission = make_mission(flags)
+    link.make_spec(station.robot_id, mission.bundle.manifest, link.options_from(flags), mission.rate_hz)
+    if scenario.fleet.carrier is not None:
+        read_key(Path(scenario.fleet.carrier.key))
 
 
 def report_path(scenario: Scenario, robot_id: int) -> Path:

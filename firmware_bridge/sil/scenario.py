@@ -2,6 +2,7 @@
 
 import math
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,7 +13,6 @@ from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import Fleet, load_fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
-from edge_runtime.mission import Mission
 from edge_runtime.realtime import PRIORITY
 from edge_runtime.toml_file import Table, read_toml, refuse
 from firmware_bridge.can_profile import load_profile, profile_path
@@ -26,7 +26,6 @@ from firmware_bridge.sil.team_file import (
     write_fleets,
     write_key,
 )
-from firmware_bridge.sil.wall_clock import find_libfaketime
 
 BridgeKind = Literal["can", "mavlink"]
 ROBOTS = 4
@@ -113,8 +112,6 @@ def prepare(request: Request, folder: Path) -> Scenario:
     files = write_fleets(table, robots, own, relays, folder)
     fleet = load_fleet(files[robots[0]])
     bundle = load_bundle(request.policy) if request.policy else _fleet_bundle(fleet)
-    for robot_id in robots:
-        Mission(robot_id, fleet, bundle, fleet.steering, request.rate_hz)
     stations = tuple(
         _station(fleet, robot_id, files[robot_id], _wire(request.bridge, wires[robot_id]), own[robot_id])
         for robot_id in robots
@@ -139,7 +136,7 @@ def _team_table(request: Request, folder: Path) -> Table:
 
 def _check_rights(request: Request, faults: tuple[AnyFault, ...]) -> None:
     if any(isinstance(fault, ClockJump) for fault in faults):
-        find_libfaketime()
+        _check_clock()
     if request.realtime:
         before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
         try:
@@ -149,6 +146,13 @@ def _check_rights(request: Request, faults: tuple[AnyFault, ...]) -> None:
                 f"--realtime was refused ({error.strerror}): it needs CAP_SYS_NICE; run without it"
             ) from error
         os.sched_setscheduler(0, before, parameters)
+
+
+def _check_clock() -> None:
+    try:
+        time.clock_settime(time.CLOCK_REALTIME, time.time())
+    except PermissionError as error:
+        raise ConfigError("the fault clock_jump may not set the clock: it needs CAP_SYS_TIME") from error
 
 
 def _wire(bridge: BridgeKind, port: int) -> str:

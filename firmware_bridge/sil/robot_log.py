@@ -1,0 +1,54 @@
+"""What a robot's own log tells of its decisions: on which pose, on which teammates' states."""
+
+from array import array
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from edge_runtime.log_reader import read_log
+from edge_runtime.log_schema import Tick
+from edge_runtime.scene import Floats
+
+
+class RobotLog(NamedTuple):
+    """One robot's ticks, in order; monotonic seconds."""
+
+    decided_s: Floats
+    used_pose_s: Floats
+    """As the runtime stamped it."""
+    used_ages_s: Floats
+    """Ages of the teammates' states that a decision rested on, decision by decision."""
+    used_at_s: Floats
+    """When; as long as ``used_ages_s``."""
+    fresh: Floats
+    """1 where the decision was the first on that message, 0 where it was used before."""
+
+    def message_ages_s(self, begin_s: float, end_s: float) -> Floats:
+        """Return the ages of messages when they were first used, within a time."""
+        return self.used_ages_s[self._within(begin_s, end_s) & (self.fresh == 1.0)]
+
+    def state_ages_s(self, begin_s: float, end_s: float) -> Floats:
+        """Return the ages of all states used, within a time."""
+        return self.used_ages_s[self._within(begin_s, end_s)]
+
+    def _within(self, begin_s: float, end_s: float) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+        return (self.used_at_s >= begin_s) & (self.used_at_s < end_s)
+
+
+def read_robot_log(folder: Path) -> RobotLog:
+    """Return what the log in a folder holds, up to its damage if it has any."""
+    decided, pose, ages, at, fresh = (array("d") for _ in range(5))
+    newest: dict[int, float] = {}
+    for path in sorted(folder.glob("*.mcap")):
+        for tick in read_log(path):
+            if not isinstance(tick, Tick):
+                continue
+            decided.append(tick.command.stamp_s)
+            pose.append(tick.state.own.stamp_s)
+            for mate in tick.state.teammates:
+                ages.append(mate.age_s)
+                at.append(tick.command.stamp_s)
+                fresh.append(newest.get(mate.state.robot_id) != mate.state.stamp_s)
+                newest[mate.state.robot_id] = mate.state.stamp_s
+    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, fresh)))

@@ -1,0 +1,73 @@
+"""What times of arrival say: every lost tick is found, none is invented."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_bridge.sil.figures import halts, missed_bursts, percentiles, pose_ages
+
+PERIOD = 0.02
+
+
+@given(
+    lost=st.sets(st.integers(1, 298)),
+    phase=st.floats(0.0, 1.0),
+    seed=st.integers(0, 2**16),
+    late=st.floats(0.0, 0.6),
+)
+def test_misses_are_the_ticks_that_brought_nothing(lost, phase, seed, late):
+    """A tenth of the commands is late, by less than what is left of their period."""
+    draw = np.random.default_rng(seed)
+    delay = draw.uniform(0.0, 0.1, 300) + late * (draw.random(300) < 0.1)
+    ticks = [tick for tick in range(300) if tick not in lost]
+    if len(ticks) < 60:
+        return
+    arrival = np.array([5.0 + PERIOD * (tick + phase + delay[tick]) for tick in ticks])
+    begin = 5.0 + PERIOD * phase
+    bursts = missed_bursts(arrival, PERIOD, begin, begin + 300 * PERIOD)
+    assert bursts.sum() == pytest.approx(len(lost), abs=1)  # the window cuts its first or last tick
+    runs, length = [], 0
+    for tick in range(300):
+        length = length + 1 if tick in lost else 0
+        runs.append(length)
+    assert abs(int(bursts.max(initial=0)) - max(runs)) <= 1
+
+
+def test_silence_is_missed_from_beginning_to_end():
+    assert missed_bursts(np.empty(0), PERIOD, 1.0, 3.0).tolist() == [100]
+    arrival = 1.0 + PERIOD * (np.arange(50) + 0.5)
+    assert missed_bursts(arrival, PERIOD, 1.0, 3.0).tolist() == [50]
+
+
+def test_the_age_of_a_pose_is_counted_from_its_measurement():
+    measured = np.array([0.0, 0.010, 0.020, 0.030])
+    decided = np.array([0.0150, 0.0352])
+    used = np.array([0.0103, 0.0301])  # stamped when they reached the guard
+    arrival = np.array([0.0120, 0.0155, 0.0360])
+    ages = pose_ages(arrival, decided, used, measured, 0.0)
+    np.testing.assert_allclose(ages, [0.0055, 0.0060])  # what was decided before the log is left out
+
+
+def test_a_stamp_rounded_down_still_means_its_pose():
+    measured, used = np.array([1.000, 1.010]), np.array([1.0095])
+    decided, arrival = np.array([1.012]), np.array([1.013])
+    assert pose_ages(arrival, decided, used, measured, 0.002) == pytest.approx([0.003])
+    assert pose_ages(arrival, decided, used, measured, 0.0) == pytest.approx([0.013])
+
+
+def test_without_a_log_there_are_no_ages():
+    assert percentiles(pose_ages(np.array([1.0]), np.empty(0), np.empty(0), np.array([0.5]), 0.0)) is None
+
+
+def test_halts_are_times_without_a_command_to_move():
+    arrival = PERIOD * np.arange(500)
+    speed = np.ones(500)
+    speed[100:250] = 0.0
+    [(begin, end)] = halts(arrival, speed, PERIOD, 0.0, 10.0)
+    assert (begin, end) == (pytest.approx(99 * PERIOD), pytest.approx(250 * PERIOD))
+
+
+def test_percentiles_are_scaled():
+    numbers = percentiles([0.001 * n for n in range(1001)], 1e3)
+    assert (numbers.p50, numbers.p99, numbers.max) == pytest.approx((500.0, 990.0, 1000.0))

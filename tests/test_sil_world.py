@@ -1,0 +1,107 @@
+"""The plant behind the firmware: it obeys its limits, and what it reports leads back to where it is."""
+
+import math
+
+import numpy as np
+import pytest
+from bundles import MANIFEST
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from firmware_bridge.base_kinematics import Base, Motion, motion_for
+from firmware_bridge.can_feedback import DeadReckoning, Pose
+from firmware_bridge.sil.layout import places
+from firmware_bridge.sil.truth import Truth
+from firmware_bridge.sil.world import World
+
+AHEAD_M, PERIOD_S = 0.2, 0.01
+BASE = Base("differential", sideways="lookahead", lookahead_m=AHEAD_M)
+MARGIN = 2 * MANIFEST.body.radius_m
+
+
+def make(*starts, headings=None):
+    return World(MANIFEST, starts, headings or [0.0] * len(starts), AHEAD_M, PERIOD_S)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    heading=st.floats(-3.0, 3.0),
+    wanted=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),  # drag leaves 0.35 m/s at full force
+)
+def test_the_disc_takes_the_velocity_that_the_base_was_told(heading, wanted):
+    """`motion_for` is what the bridges send; whatever way the base looks, the disc moves as asked."""
+    world = make((0.0, 0.0), headings=[heading])
+    for _ in range(300):
+        motion = motion_for(wanted, world.pose(0).heading_rad, BASE)
+        world.step([(motion.forward_m_s, motion.yaw_rad_s)])
+    np.testing.assert_allclose(world.plant.velocity_m_s[0], wanted, atol=1e-3)
+
+
+def test_no_command_accelerates_beyond_the_manifests_limits():
+    world = make((0.0, 0.0))
+    most = max(field.high for field in MANIFEST.action) * PERIOD_S / MANIFEST.dynamics.mass_kg
+    before = np.zeros(2)
+    for step in range(50):
+        world.step([(100.0 * (-1) ** (step // 10), 30.0)])
+        after = world.plant.velocity_m_s[0].copy()
+        assert np.abs(after - world.plant.dynamics.preview(1).velocity_decay * before).max() <= most * 1.001
+        before = after
+
+
+def test_odometry_leads_back_to_the_truth():
+    """The guard's own dead reckoning, fed with what the firmware reports, ends where the plant is."""
+    draw = np.random.default_rng(3)
+    world = make((0.4, -0.3), headings=[1.0])
+    axle = world.pose(0)
+    reckoned = DeadReckoning(0, Pose(*axle.position_m, axle.heading_rad), BASE)
+    motion = (0.0, 0.0)
+    for step in range(1000):
+        if step % 50 == 0:
+            motion = (draw.uniform(-0.3, 0.3), draw.uniform(-1.0, 1.0))
+        world.step([motion])
+        pose = world.pose(0)
+        state = reckoned.advance(Motion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
+    assert math.dist(state.position_m, world.plant.position_m[0]) < 0.02
+    assert math.dist(state.velocity_m_s, world.plant.velocity_m_s[0]) < 0.01
+
+
+def test_collisions_count_once_when_they_begin():
+    world = make((-0.3, 0.0), (0.3, 0.0), (0.0, 2.0))
+    truth = Truth(world, [(0.0, 0.0)] * 3, (), PERIOD_S)
+    for push in (0.5, -0.5, 0.5):
+        for _ in range(150):
+            world.step([(push, 0.0), (-push, 0.0), (0.0, 0.0)])
+            truth.follow()
+    deeds = truth.deeds()
+    assert [one.collisions for one in deeds] == [2, 2, 0]
+    assert deeds[0].least_distance_m <= MARGIN < deeds[2].least_distance_m
+    assert deeds[2].goal_distance_m == pytest.approx(2.0)
+
+
+def test_objectives_are_judged_by_the_truth():
+    asked = (SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.25))
+    world = make((0.0, 0.0), (0.0, 1.0))
+    truth = Truth(world, [(0.0, 0.0)] * 2, asked, PERIOD_S)
+    world.plant.velocity_m_s[0] = 0.0, 0.3
+    truth.follow()
+    world.plant.velocity_m_s[:] = 0.0
+    truth.follow()
+    world.plant.position_m[1] = 0.0, 0.24
+    truth.follow()
+    assert [one.violated_s for one in truth.deeds()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
+    assert truth.deeds()[0].greatest_speed_m_s == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("robots", [1, 2, 3, 4, 8, 12, 16, 32, 64])
+def test_generated_teams_are_feasible(robots):
+    """Starts and goals keep the margin, and so do robots that all drive straight at the same pace."""
+    team = places(robots)
+    start, goal = (np.array(column) for column in zip(*team, strict=True))
+    assert len(team) == robots
+    for share in np.linspace(0.0, 1.0, 21):
+        at = start + share * (goal - start)
+        distance = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1))
+        np.fill_diagonal(distance, np.inf)
+        assert distance.min() > 0.25
+    assert np.hypot(*(goal - start).T).min() > 0.3
