@@ -205,7 +205,8 @@ class MavlinkLink:
         self._channel.send(ParameterRequest(self._profile.timeout_parameter), self._now())
 
     def _request_streams(self, now_s: float) -> None:
-        period_us = self._options.dynamics.dt_s * 1e6
+        # Twice as often as commands go out: a pose then never waits a whole period for its tick.
+        period_us = self._options.dynamics.dt_s * 1e6 / 2
         for interval in (
             (_ATTITUDE, period_us),
             (_LOCAL_POSITION_NED, period_us),

@@ -267,7 +267,8 @@ class TestKeepalive:
         clock.now_s += 1.0
         autopilot.heard.clear()
         link.keepalive(False, clock.now_s)
-        assert {m.param1 for m in autopilot.commands(511)} == {0.0, 30.0, 32.0}
+        intervals_us = {m.param1: m.param2 for m in autopilot.commands(511)}
+        assert intervals_us == {0.0: 200e3, 30.0: 10e3, 32.0: 10e3}  # poses at twice the rate of 50 Hz
 
 
 class TestSigning:
