@@ -1,0 +1,61 @@
+"""The picture of what a robot did and what it would have done instead; needs matplotlib."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from edge_runtime.log_schema import RobotPlace
+from edge_runtime.replay_question import Answer, speeds_m_s
+
+DONE, INSTEAD = "tab:blue", "tab:orange"
+ARROWS = 24
+"""So many situations show both velocities."""
+
+
+def draw(answer: Answer, question: str, path: Path) -> None:
+    """Write the picture: the way with both commanded velocities, both speeds, and the actions' distance."""
+    figure, panels = plt.subplot_mosaic(
+        [["way", "speed"], ["way", "change"]], figsize=(10, 5), layout="constrained"
+    )
+    robot_id = answer.start.robot_id
+    figure.suptitle(f"Robot {robot_id}: as it was, and with {question}")
+    place = next(robot for robot in answer.start.fleet.robots if robot.robot_id == robot_id)
+    _draw_way(panels["way"], answer, place)
+    for commands, colour, label in ((answer.done, DONE, "as it was"), (answer.instead, INSTEAD, "instead")):
+        panels["speed"].plot(answer.times_s, speeds_m_s(commands), color=colour, lw=1.2, label=label)
+    panels["speed"].set(ylabel="commanded speed in m/s", ylim=(0.0, None))
+    panels["speed"].legend()
+    panels["change"].plot(answer.times_s, answer.changes(), color="black", lw=1.0)
+    panels["change"].set(xlabel="time in s", ylabel="distance between the actions", ylim=(0.0, None))
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _draw_way(axes: Axes, answer: Answer, place: RobotPlace) -> None:
+    way = np.array(answer.positions_m)
+    axes.plot(*way.T, color="lightgrey", lw=3, zorder=1)
+    axes.plot(*place.start_m, "o", color="grey", label="start")
+    axes.plot(*place.goal_m, "*", color="black", ms=12, label="goal")
+    shown = np.unique(np.linspace(0, len(way) - 1, ARROWS).astype(int))
+    for commands, colour, label in ((answer.done, DONE, "as it was"), (answer.instead, INSTEAD, "instead")):
+        velocity = np.array([commands[index].velocity_m_s for index in shown])
+        axes.quiver(
+            *way[shown].T,
+            *velocity.T,
+            color=colour,
+            label=f"velocity, {label}",
+            angles="xy",
+            scale_units="xy",
+            scale=2.0,
+            width=0.005,
+            zorder=2,
+        )
+    axes.set(xlabel="x in m", ylabel="y in m", aspect="equal")
+    axes.margins(0.15)
+    axes.legend(fontsize="small")
