@@ -10,9 +10,10 @@ from edge_runtime.backend import BACKENDS
 from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, Fleet, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import Robot
 from edge_runtime.log_flags import add_log_flags
 from edge_runtime.manifest import RATE_HZ
-from edge_runtime.mission import Mission
+from edge_runtime.mission import Mission, adapted
 
 DESCRIPTION: Final = """\
 Drive one robot of a team by a flow policy, steered by objectives that it never saw in training.
@@ -151,8 +152,9 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     """
     fleet = load_fleet(flags.fleet)
     steering = load_steering(flags.objectives) if flags.objectives else fleet.steering
-    fleet.robot(flags.robot_id)
-    bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet)
+    robot = fleet.robot(flags.robot_id)
+    bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)
+    bundle = adapted(bundle, robot)
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
     return Mission(
         flags.robot_id,
@@ -166,6 +168,6 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     )
 
 
-def _fleet_bundle(fleet: Fleet) -> Bundle:
-    name = fleet.team.policy
+def _fleet_bundle(fleet: Fleet, robot: Robot) -> Bundle:
+    name = robot.policy or fleet.team.policy
     return load_bundle(fleet.path.parent / name) if "/" in name else packaged_bundle(name)

@@ -7,17 +7,19 @@ from typing import Final, Protocol
 
 from edge_runtime.config import Fleet
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_peer import random_nonce
 from edge_runtime.fleet_report import FleetReport
-from edge_runtime.fleet_settings import CarrierSettings, endpoint
+from edge_runtime.fleet_session import random_nonce
+from edge_runtime.fleet_settings import CarrierSettings, Robot, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
-from edge_runtime.fleet_udp import UdpCarrier
+from edge_runtime.fleet_udp import Carrier, UdpCarrier
 from edge_runtime.key_file import read_key
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.orders import Orders
 from edge_runtime.plan import Plan
+from edge_runtime.stream_wire import Kind
+from edge_runtime.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 from edge_runtime.toml_file import refuse
 
 STALE_PERIODS: Final = 3
@@ -55,8 +57,11 @@ class TeamLink(Protocol):
         """Why an operator ended the run; empty if none did."""
         ...
 
-    def listen(self) -> None:
-        """Take what has arrived, in a tick that has no own state."""
+    def locate(self, bridge: RobotState | None) -> RobotState | None:
+        """Begin a tick: take what has arrived, and return the own state in the team's frame.
+
+        That is the bridge's where the fleet names no pose stream; None where there is none yet.
+        """
         ...
 
     def team(self, own: RobotState) -> TeamState:
@@ -65,6 +70,10 @@ class TeamLink(Protocol):
 
     def new_plan(self) -> Plan | None:
         """Return what the team has agreed to follow from this tick on, once; else None."""
+        ...
+
+    def for_base(self, command: Command) -> Command:
+        """Return a command as the bridge is to take it, whose odometry may have axes of its own."""
         ...
 
     def share(self, own: RobotState, command: Command) -> None:
@@ -104,11 +113,16 @@ class LocalTeam:
 
     stop_reason = ""
 
-    def listen(self) -> None:
-        """Nothing arrives."""
+    def locate(self, bridge: RobotState | None) -> RobotState | None:
+        """Return the bridge's state."""
+        return bridge
 
     def new_plan(self) -> None:
         """Return nothing: no operator reaches this robot."""
+
+    def for_base(self, command: Command) -> Command:
+        """Return the command as it is."""
+        return command
 
     def team(self, own: RobotState) -> TeamState:
         """Return the team as it is."""
@@ -138,14 +152,27 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     operator_key = _key(fleet, "operator_key", settings.operator_key) if settings.operator_key else key
     endpoints = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}
     own = endpoints.pop(mission.robot_id)
-    rules = _rules(mission, settings, tuple(endpoints))
+    rules, robot = _rules(mission, settings, tuple(endpoints)), fleet.robot(mission.robot_id)
+    others = tuple(endpoints)
+    sources = {POSE_SOURCE: robot.pose_place, RANGES_SOURCE: robot.ranges_place}
+    endpoints |= {source: place for source, place in sources.items() if place}
     try:
         carrier = UdpCarrier(own, endpoints)
     except ConfigError as error:
         refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
     orders = Orders(mission.robot_id, random_nonce(), mission.plan(), mission.plan_of)
     desk = OrderDesk(orders, operator_key, carrier, mission.rate_hz)
-    return NetworkTeam(mission.robot_id, tuple(endpoints), rules, carrier, key, desk, time.monotonic)
+    streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
+    return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)
+
+
+def _streams(robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:
+    pose = ranges = None
+    if robot.pose_place:
+        pose = Stream(POSE_SOURCE, robot.id, Kind.POSE_REQUEST, Kind.POSE, 5, key, carrier)
+    if robot.ranges_place:
+        ranges = Stream(RANGES_SOURCE, robot.id, Kind.RANGES_REQUEST, Kind.RANGES, rays, key, carrier)
+    return Streams(robot.id, pose, ranges, key)
 
 
 def _key(fleet: Fleet, name: str, file: str) -> bytes:

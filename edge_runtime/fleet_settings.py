@@ -2,9 +2,9 @@
 
 import ipaddress
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
@@ -13,6 +13,8 @@ from edge_runtime.toml_file import refuse
 
 Endpoint = tuple[str, int]
 """IP address and port."""
+FARTHEST_M: Final = 1e6
+"""Starts and goals lie within this distance of the team's origin."""
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -26,14 +28,48 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
     neighbours: tuple[int, ...] | None = None
     """Ids of the robots that it listens to; all others where None."""
+    policy: str | None = None
+    """Its policy, where that is not the team's; see `edge_runtime.config.Team.policy`."""
+    mass_kg: float | None = None
+    """Of its dynamics; the policy's where None."""
+    drag: float | None = None
+    """Share of the velocity lost in one step of the policy; the policy's where None."""
+    slew_per_s: float | None = None
+    """Greatest change of each action component in a second; the team's where None."""
+    max_speed_m_s: float | None = None
+    """Greatest commanded speed; the bridge's where None."""
+    pose: str = "bridge"
+    """Who tells its pose: its bridge, or the address of a stream, such as edge-pose's ``10.0.0.5:47100``."""
+    ranges: str = "teammates"
+    """Where its ranges come from: computed from the teammates' poses, or the address of a stream."""
+    rigid_body: int | None = None
+    """Its streaming id in the motion-capture system; the robot's where None."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.id < 2**16:
             raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
         if self.address is not None:
             endpoint(self.address)
+        for field in ("pose_place", "ranges_place"):
+            getattr(self, field)
+        for field in ("start_m", "goal_m"):
+            if math.hypot(*getattr(self, field)) > FARTHEST_M:
+                raise ValueError(f"`{field}` must lie within {FARTHEST_M:g} m of the origin")
+        check_bounds(self, {"mass_kg": (1e-6, 1e6), "slew_per_s": (1e-6, 1e6), "max_speed_m_s": (1e-6, 1e3)})
+        if self.drag is not None and not 0.0 <= self.drag < 1.0:
+            raise ValueError(f"`drag` must lie in [0, 1), got {self.drag:g}")
         if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):
             raise ValueError(f"`neighbours` names a robot twice: {list(self.neighbours)}")
+
+    @property
+    def pose_place(self) -> Endpoint | None:
+        """Where its pose stream comes from; None if the bridge tells the pose."""
+        return None if self.pose == "bridge" else _source(self.pose, "pose", "bridge")
+
+    @property
+    def ranges_place(self) -> Endpoint | None:
+        """Where its range stream comes from; None if ranges are computed."""
+        return None if self.ranges == "teammates" else _source(self.ranges, "ranges", "teammates")
 
 
 class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,10 +90,7 @@ class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.nearest is not None and self.nearest < 1:
             raise ValueError(f"`nearest` must be at least 1, got {self.nearest}")
-        for field in ("alone_s", "missing_s"):
-            value = getattr(self, field)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"`{field}` must be above 0, got {value:g}")
+        check_bounds(self, {"alone_s": (1e-3, 86400.0), "missing_s": (1e-3, 86400.0)})
 
 
 class WatchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,6 +101,27 @@ class WatchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         endpoint(self.address)
+
+
+def check_bounds(record: msgspec.Struct, bounds: Mapping[str, tuple[float, float]]) -> None:
+    """Check that numbers lie within bounds; None passes.
+
+    Raises:
+        ValueError: names the field and its bounds.
+    """
+    for field, (low, high) in bounds.items():
+        value = getattr(record, field)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"`{field}` must lie in [{low:g}, {high:g}], got {value:g}")
+
+
+def _source(address: str, field: str, word: str) -> Endpoint:
+    try:
+        return endpoint(address)
+    except ValueError:
+        raise ValueError(
+            f'`{field}` must be "{word}" or a stream\'s address, such as 10.0.0.5:47100, got {address!r}'
+        ) from None
 
 
 def endpoint(address: str) -> Endpoint:
@@ -120,8 +174,9 @@ def check_network(
 
 
 def _refuse_without_carrier(path: Path, index: int, robot: "Robot") -> None:
-    for key in ("address", "neighbours"):
-        if getattr(robot, key) is not None:
+    simulated = Robot(robot.id, robot.start_m, robot.goal_m)
+    for key in ("address", "neighbours", "policy", "mass_kg", "drag", "pose", "ranges", "rigid_body"):
+        if getattr(robot, key) != getattr(simulated, key):
             refuse(
                 path,
                 f"robots[{index}].{key}",

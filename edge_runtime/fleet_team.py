@@ -7,13 +7,16 @@ from types import TracebackType
 import msgspec
 
 from edge_runtime.control_wire import ORDER_MAGIC
-from edge_runtime.fleet_peer import Peer, random_nonce
+from edge_runtime.fleet_peer import Peer
 from edge_runtime.fleet_report import FleetReport, Traffic
+from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_udp import Carrier, Datagram
 from edge_runtime.fleet_wire import FrameError, Refusal, decode, encode
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.plan import Plan
+from edge_runtime.stream_wire import STREAM_MAGIC
+from edge_runtime.streams import Streams
 from edge_runtime.team_tick import TeamTick
 
 
@@ -49,6 +52,7 @@ class NetworkTeam:
         carrier: takes the packets to them; closed on leaving the context.
         key: the team's.
         desk: takes the operator's orders.
+        streams: tell the robot's own pose and ranges.
         clock: monotonic time in seconds.
         nonce: draws the boot id and the challenges.
     """
@@ -61,11 +65,12 @@ class NetworkTeam:
         carrier: Carrier,
         key: bytes,
         desk: OrderDesk,
+        streams: Streams,
         clock: Callable[[], float],
         nonce: Callable[[], int] = random_nonce,
     ) -> None:
         self._robot_id, self._rules, self._carrier, self._key = robot_id, rules, carrier, key
-        self._desk, self._orders = desk, desk.orders
+        self._desk, self._orders, self._streams = desk, desk.orders, streams
         self._clock, self._boot_id, self._sequence = clock, nonce(), 0
         self._peers = {other: Peer(other, nonce) for other in others}
         self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
@@ -99,14 +104,16 @@ class NetworkTeam:
         """The team's newest tick."""
         return self._tick.number
 
-    def listen(self) -> None:
-        """Take what has arrived: in a tick without an own state instead of `team`."""
+    def locate(self, bridge: RobotState | None) -> RobotState | None:
+        """Begin a tick: take what has arrived, and return the own state as the fleet wants it."""
         now = self._clock()
         self._tick.advance(now)
         self._desk.begin(now, self._tick.number)
         self._receive(now)
+        self._streams.ask(now)
         if self._orders.change(self._tick.number):
             self._plan_tick, self._new_plan = self._tick.number, True
+        return self._streams.locate(bridge) if bridge else None
 
     def new_plan(self) -> Plan | None:
         """Return what the robot follows from now on, once after each change."""
@@ -114,8 +121,7 @@ class NetworkTeam:
         return self._orders.plan if changed else None
 
     def team(self, own: RobotState) -> TeamState:
-        """Take what has arrived and return this tick's view of the team."""
-        self.listen()
+        """Return this tick's view of the team."""
         now, rules = self._clock(), self._rules
         neighbours = [self._peers[other] for other in rules.neighbours]
         heard = [peer.teammate(now) for peer in neighbours if peer.newest is not None]
@@ -129,7 +135,12 @@ class NetworkTeam:
             self._traffic.used_ages.add(mate.age_s)
         self._traffic.masked.update(mate.state.robot_id for mate in near if mate.age_s > rules.stale_s)
         used.sort(key=lambda mate: mate.state.robot_id)
-        return TeamState(own, tuple(used), self._fault(heard, near, unheard))
+        fault = self.stop_reason or self._streams.fault(now) or self._fault(heard, near, unheard)
+        return TeamState(own, tuple(used), fault, self._streams.ranges_m())
+
+    def for_base(self, command: Command) -> Command:
+        """Return the command as the bridge is to take it."""
+        return self._streams.for_base(command)
 
     def share(self, own: RobotState, command: Command) -> None:
         """Send this tick's frames."""
@@ -160,6 +171,8 @@ class NetworkTeam:
             try:
                 if datagram.content.startswith(ORDER_MAGIC):
                     self._desk.take(datagram)
+                elif datagram.content.startswith(STREAM_MAGIC):
+                    self._streams.take(datagram)
                 else:
                     self._admit(datagram, now_s)
             except FrameError as error:
@@ -191,8 +204,6 @@ class NetworkTeam:
 
     def _fault(self, heard: Sequence[Teammate], near: Sequence[Teammate], unheard: Sequence[int]) -> str:
         rules = self._rules
-        if self.stop_reason:
-            return self.stop_reason
         if len(near) < rules.nearest:
             return f"waits for robots {', '.join(map(str, unheard))}: not heard yet"
         if other := self._disagreement(near):

@@ -84,6 +84,11 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     """The team's, as the sender counts."""
     following: Following = Following()
 
+    @property
+    def stamp_s(self) -> float:
+        """When the sender's state was measured, by its clock."""
+        return self.state.stamp_s
+
 
 def encode(frame: Frame, key: bytes) -> bytes:
     """Return the authenticated packet of a frame."""

@@ -32,6 +32,8 @@ class TeamState(msgspec.Struct, frozen=True):
     teammates: tuple[Teammate, ...] = ()
     fault: str = ""
     """Why no action may rest on this view, such as a teammate silent for too long. Else empty."""
+    ranges_m: tuple[float, ...] | None = None
+    """What a real range sensor read, one a ray; None where ranges are computed from the teammates."""
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):

@@ -1,8 +1,10 @@
 """What one run is about, put together from the fleet, the bundle and the flags, and checked as a whole."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import msgspec
 
 from edge_runtime.backend import Backend
 from edge_runtime.bundle import Bundle
@@ -14,6 +16,17 @@ from edge_runtime.limits import Limits
 from edge_runtime.objectives import Objective
 from edge_runtime.observation import Observer
 from edge_runtime.plan import Plan, make_plan
+
+
+def adapted(bundle: Bundle, robot: Robot) -> Bundle:
+    """Return the bundle with a robot's own mass and drag, where the fleet file states them."""
+    dynamics = bundle.manifest.dynamics
+    dynamics = msgspec.structs.replace(
+        dynamics,
+        mass_kg=dynamics.mass_kg if robot.mass_kg is None else robot.mass_kg,
+        drag=dynamics.drag if robot.drag is None else robot.drag,
+    )
+    return replace(bundle, manifest=msgspec.structs.replace(bundle.manifest, dynamics=dynamics))
 
 
 @dataclass(frozen=True)
@@ -76,29 +89,30 @@ class Mission:
             PolicyError: if the backend cannot run the bundle's policy.
         """
         policy, plan = self.bundle.field(self.backend), self.plan()
-        limits = self._limits(max_speed_m_s)
         return {
             robot.id: Controller(
                 robot.id,
                 Observer(self.bundle.manifest, robot.goal_m),
                 policy,
                 plan,
-                limits,
+                self._limits(robot, max_speed_m_s),
                 self.seed * 2**16 + robot.id,
             )
             for robot in self.fleet.robots
         }
 
-    def _limits(self, max_speed_m_s: float) -> Limits:
+    def _limits(self, robot: Robot, max_speed_m_s: float) -> Limits:
         team, manifest = self.fleet.team, self.bundle.manifest
+        slew_per_s = math.inf if team.slew_per_s is None else team.slew_per_s
+        slew_per_s = slew_per_s if robot.slew_per_s is None else robot.slew_per_s
         x, y = manifest.action
         return Limits(
             low=(x.low, y.low),
             high=(x.high, y.high),
             preview=manifest.dynamics.at_period(self.period_s).preview(1),
-            max_step=math.inf if team.slew_per_s is None else team.slew_per_s * self.period_s,
+            max_step=slew_per_s * self.period_s,
             max_state_age_s=team.max_state_age_s,
-            max_speed_m_s=max_speed_m_s,
+            max_speed_m_s=min(max_speed_m_s, robot.max_speed_m_s or math.inf),
         )
 
     def _check_apart(self, place: str) -> None:

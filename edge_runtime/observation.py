@@ -42,17 +42,14 @@ class Observer:
         self._rays: list[Vector2] = [(x, y) for x, y in ray_directions(manifest.body).tolist()]
         self._vector = np.zeros((1, manifest.observation_dim), np.float32)
 
-    def observe(self, team: TeamState, ranges_m: Sequence[float] | None = None) -> Array:
-        """Compose the observation (1, O).
-
-        Args:
-            team: the robot's own state and its teammates'.
-            ranges_m: the readings of a real sensor, one per ray; None computes them from the teammates.
+    def observe(self, team: TeamState) -> Array:
+        """Compose the observation (1, O) of what the robot knows of itself and its teammates.
 
         Raises:
             PolicyError: if the number of readings is not the number of rays.
         """
         position, velocity = team.own.position_m, team.own.velocity_m_s
+        ranges_m: Sequence[float] | None = team.ranges_m
         if ranges_m is None:
             mates = [mate.state.position_m for mate in team.teammates]
             ranges_m = disc_ranges(position, mates, self._rays, self._body)
@@ -74,7 +71,7 @@ def _check_sources(manifest: Manifest) -> None:
     missing = [field.name for field in manifest.observation if field.name not in SOURCES]
     if missing:
         raise PolicyError(
-            f"policy {manifest.name} observes {', '.join(missing)}, for which robots have no source yet: "
+            f"policy {manifest.name!r} observes {', '.join(missing)}, for which robots have no source yet: "
             f"choose one that observes only {', '.join(SOURCES)}"
         )
 

@@ -19,7 +19,7 @@ from edge_runtime.control_wire import (
     decode_answer,
     encode_order,
 )
-from edge_runtime.fleet_peer import random_nonce
+from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_settings import Endpoint
 from edge_runtime.fleet_wire import FrameError
 

@@ -61,9 +61,8 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
     while not (reason := ending()):
         deadline_s = grid.wait()
         timing.begin(deadline_s)
-        own = bridge.read()
+        own = fleet.locate(bridge.read())
         if own is None:
-            fleet.listen()
             monitor.no_state()
             continue
         team = fleet.team(own)
@@ -79,7 +78,7 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         command = controller.limit(guided, team, time.monotonic())
         timing.lap()
         if not session.dry_run:
-            bridge.write(command)
+            bridge.write(fleet.for_base(command))
         timing.lap()
         timing.end()
         fleet.share(own, command)

@@ -14,6 +14,7 @@ from edge_runtime.messages import Command, RobotState
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.orders import Orders
 from edge_runtime.plan import make_plan
+from edge_runtime.streams import Streams
 
 KEY = bytes(range(32))
 PERIOD_S = 0.02
@@ -90,7 +91,8 @@ class World:
         carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
         plan = make_plan(self.steering.get(robot_id, Steering()), MANIFEST)
         desk = OrderDesk(Orders(robot_id, nonce(), plan, self.plan_of), key, carrier, 1 / PERIOD_S)
-        return NetworkTeam(robot_id, others, rules, carrier, key, desk, lambda: self.clock(robot_id), nonce)
+        streams, clock = Streams(robot_id, None, None, key), lambda: self.clock(robot_id)
+        return NetworkTeam(robot_id, others, rules, carrier, key, desk, streams, clock, nonce)
 
     def plan_of(self, file, content):
         return make_plan(parse_steering(content, Path(file)), MANIFEST)
@@ -101,10 +103,15 @@ class World:
     def own(self, robot_id):
         return RobotState(robot_id, self.clock(robot_id), self.position[robot_id], (0.1, 0.2), 0.3)
 
+    def view(self, robot_id):
+        """What a robot sees in a tick."""
+        team = self.teams[robot_id]
+        return team.team(team.locate(self.own(robot_id)))
+
     def tick(self):
         """One period: all receive, then all send; returns what each saw."""
         alive = [robot_id for robot_id in self.teams if robot_id not in self.network.dead]
-        seen = {robot_id: self.teams[robot_id].team(self.own(robot_id)) for robot_id in alive}
+        seen = {robot_id: self.view(robot_id) for robot_id in alive}
         for robot_id in alive:
             command = Command(robot_id, 0, self.clock(robot_id), (0.5, -0.5), (0.0, 0.0))
             self.teams[robot_id].share(self.own(robot_id), command)

@@ -61,7 +61,7 @@ def main(fleet_file, robot_id, loss):
         while not (signals.reason or link.stop_reason):
             grid.wait()
             own = RobotState(robot_id, time.monotonic(), (0.1 * robot_id, 0.0), (0.0, 0.0))
-            team = link.team(own)
+            team = link.team(link.locate(own))
             link.share(own, Command(robot_id, 0, own.stamp_s, (0.0, 0.0), (0.0, 0.0)))
             newest = {other: peer.newest.sequence for other, peer in link._peers.items() if peer.newest}
             if plan := link.new_plan():

@@ -8,6 +8,10 @@ from edge_runtime.fleet_settings import CarrierSettings
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
+ROBOT_KEYS = (
+    "id, start_m, goal_m, address, neighbours, policy, mass_kg, drag, slew_per_s, max_speed_m_s, pose, "
+    "ranges, rigid_body"
+)
 ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"
 OWN = """
 from edge_runtime.objectives import Objective, Slope
@@ -94,11 +98,11 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
         (ROBOTS.replace(", 0.5", ""), "robots[0].goal_m: Expected `array` of length 2, got 1"),
         (
             ROBOTS + "gaol = 1",
-            "robots[0].gaol: unknown key; allowed: id, start_m, goal_m, address, neighbours",
+            f"robots[0].gaol: unknown key; allowed: {ROBOT_KEYS}",
         ),
         (
             ROBOTS.replace("id = 3", ""),
-            "robots[0].id: missing; allowed: id, start_m, goal_m, address, neighbours",
+            f"robots[0].id: missing; allowed: {ROBOT_KEYS}",
         ),
         (ROBOTS + "[team]\nrate_hz = 'fast'", "team.rate_hz: Expected `float | null`, got `str`"),
         (ROBOTS + "[team]\nrate_hz = 0", "team: `rate_hz` must lie in [1, 1000], got 0"),
@@ -179,7 +183,7 @@ ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000,
         ("[carrier]", "[carrier]\nkee = 1", "carrier.kee: unknown key; allowed: key, type, operator_key, "),
         ("[carrier]", "[carrier]\ntype = 'tcp'", "carrier.type: Invalid enum value 'tcp'; allowed: 'udp'"),
         ("[carrier]", "[carrier]\nnearest = 0", "carrier: `nearest` must be at least 1, got 0"),
-        ("[carrier]", "[carrier]\nalone_s = 0", "carrier: `alone_s` must be above 0, got 0"),
+        ("[carrier]", "[carrier]\nalone_s = 0", "carrier: `alone_s` must lie in [0.001, 86400], got 0"),
         ("[carrier]", "[carrier]\nmissing_s = inf", "carrier.missing_s: must be a finite number, got inf"),
         (
             '[carrier]\nkey = "team.key"',

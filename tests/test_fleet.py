@@ -60,7 +60,7 @@ class Simulated:
 def test_without_a_carrier_the_team_is_the_local_one():
     with open_fleet(mission(DEFAULT_FLEET), Simulated()) as link:
         link.share(OWN, Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
-        view = link.team(OWN)
+        view = link.team(link.locate(OWN))
         assert (view.own, view.teammates, view.fault) == (OWN, Simulated().teammates(), "")
         assert link.report() is None
 
@@ -74,12 +74,12 @@ def test_the_rules_come_from_the_fleet_file(write):
             rules = link._rules
             assert (rules.neighbours, rules.nearest) == (neighbours, nearest)
             assert (rules.stale_s, rules.alone_s, rules.missing_s) == (pytest.approx(0.06), 4.0, 5.0)
-            assert link.team(OWN).teammates == ()
+            assert link.team(link.locate(OWN)).teammates == ()
 
 
 def test_a_robot_without_neighbours_waits_for_nobody(write):
     with open_fleet(mission(write([robot(0)])), Simulated()) as link:
-        assert link.team(OWN).fault == ""
+        assert link.team(link.locate(OWN)).fault == ""
 
 
 def test_the_example_of_a_team_is_the_built_in_fleet_with_addresses():

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.fleet_peer import WINDOW, Peer
+from edge_runtime.fleet_peer import Peer
+from edge_runtime.fleet_session import WINDOW
 from edge_runtime.fleet_wire import Frame, FrameError, Refusal
 from edge_runtime.messages import RobotState
 

@@ -129,7 +129,7 @@ def test_frames_for_others_and_of_other_teams_are_refused():
     ]
     world.network.queues[0].clear()
     world.network.queues[0].extend([*stray, *own, *foreign, b"", b"CFP\x02", foreign[0] + b"x"])
-    world.teams[0].team(world.own(0))
+    world.view(0)
     after = world.teams[0].report()
     assert after.accepted == before.accepted
     assert after.refused["misdirected"] == len(stray) + len(own)
@@ -145,7 +145,7 @@ def test_late_and_repeated_frames_are_counted_apart():
     recorded = [packet for sender, receiver, packet in world.network.recorded if (sender, receiver) == (1, 0)]
     older, newest = recorded[-2:]
     world.network.queues[0].extend([newest, newest, recorded[-3], recorded[-3], recorded[10]])
-    world.teams[0].team(world.own(0))
+    world.view(0)
     refused = world.teams[0].report().refused
     assert older != newest
     assert world.teams[0].report().accepted == base.accepted + 1
@@ -214,7 +214,7 @@ def test_a_state_that_grows_stale_at_its_source_is_masked_though_frames_arrive()
     world.ticks(5)
     frozen = world.own(1)
     for _ in range(8):
-        views = {0: world.teams[0].team(world.own(0)), 1: world.teams[1].team(world.own(1))}
+        views = {0: world.view(0), 1: world.view(1)}
         world.teams[1].share(frozen, Command(1, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
         world.now_s += PERIOD_S
     assert views[0].teammates == ()
@@ -226,7 +226,7 @@ def test_a_flood_costs_a_bounded_part_of_the_tick():
     queue = world.network.queues[0]
     queue.extend([b"junk"] * 1000)
     own, world.offset_s = world.own(0), MovedByLooks(world.offset_s)
-    world.teams[0].team(own)
+    world.teams[0].team(world.teams[0].locate(own))
     assert 1000 - len(queue) == pytest.approx(0.1 * PERIOD_S / MovedByLooks.STEP_S + 4, abs=3)
 
 

@@ -107,10 +107,10 @@ def test_a_field_without_a_source_is_refused():
 def test_a_real_sensor_takes_the_place_of_the_computed_one():
     observer = Observer(MANIFEST, (0.0, 0.0))
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0)))
-    found = observer.observe(team, [0.1] * 12)
+    found = observer.observe(replace(team, ranges_m=(0.1,) * 12))
     np.testing.assert_allclose(found[0, 6:], 0.25, atol=1e-7)
     with pytest.raises(PolicyError, match="got 3 ranges, the policy's sensor has 12 rays"):
-        observer.observe(team, [0.1] * 3)
+        observer.observe(replace(team, ranges_m=(0.1,) * 3))
 
 
 @given(

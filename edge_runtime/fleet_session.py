@@ -1,0 +1,115 @@
+"""One end of a session with another process: which of its authentic frames are new, and how old they are.
+
+Frames of one boot are ordered by their sequence. A frame of another boot opens a session only with the
+answer to our challenge, a random number: it was made after we drew that number, by a holder of the key. So
+recordings of an earlier run are refused without synchronised clocks and without a file of what was seen.
+A challenge is answered once: the next boot has to answer a new one.
+"""
+
+import math
+import secrets
+from collections.abc import Callable
+from typing import Final, Generic, Protocol, TypeVar
+
+from edge_runtime.fleet_clock import RemoteClock
+from edge_runtime.fleet_wire import FrameError, Refusal
+
+WINDOW: Final = 64
+"""Sequences before the newest of which is known whether they were received."""
+_SEEN: Final = 2**WINDOW - 1
+
+
+class SessionFrame(Protocol):
+    """What every frame carries for its session."""
+
+    @property
+    def boot_id(self) -> int:
+        """Drawn by the sender at each start; sequences of different boots cannot be compared."""
+        ...
+
+    @property
+    def sequence(self) -> int:
+        """Counts the sender's frames of this boot."""
+        ...
+
+    @property
+    def challenge(self) -> int:
+        """What the receiver is to answer."""
+        ...
+
+    @property
+    def answer(self) -> int:
+        """The newest challenge that the sender had from the receiver; 0 before the first."""
+        ...
+
+    @property
+    def stamp_s(self) -> float:
+        """When the content was measured, by the sender's monotonic clock."""
+        ...
+
+
+AnyFrame = TypeVar("AnyFrame", bound=SessionFrame)
+
+
+def random_nonce() -> int:
+    """Draw a number of 64 bits that nobody can guess and that is not 0."""
+    return secrets.randbits(64) or 1
+
+
+class Session(Generic[AnyFrame]):
+    """Our end.
+
+    Args:
+        nonce: draws challenges.
+    """
+
+    def __init__(self, nonce: Callable[[], int] = random_nonce) -> None:
+        self.challenge = nonce()
+        """What the other one must answer to open a session."""
+        self.answer = 0
+        """Its newest challenge to us; 0 before the first."""
+        self.newest: AnyFrame | None = None
+        self.measured_s = -math.inf
+        """When the newest frame's content was measured, by our clock."""
+        self._nonce = nonce
+        self._clock = RemoteClock()
+        self._seen = 0
+
+    def admit(self, frame: AnyFrame, arrival_s: float) -> None:
+        """Take in an authentic frame from this process to us.
+
+        Raises:
+            FrameError: if it is not newer than what is known, or opens a session without the answer.
+        """
+        newest = self.newest
+        if newest is None or frame.boot_id != newest.boot_id:
+            self._open(frame)
+        elif frame.sequence <= newest.sequence:
+            raise FrameError(self._behind(newest.sequence - frame.sequence))
+        else:
+            ahead = min(frame.sequence - newest.sequence, WINDOW)
+            self._seen = (self._seen << ahead | 1) & _SEEN
+        self.newest, self.answer = frame, frame.challenge
+        self._clock.heard(frame.stamp_s, arrival_s)
+        self.measured_s = self._clock.local_s(frame.stamp_s)
+
+    def age_s(self, now_s: float) -> float:
+        """Return the age of the newest frame's content; infinite before the first."""
+        return max(0.0, now_s - self.measured_s)
+
+    def _open(self, frame: AnyFrame) -> None:
+        if frame.answer != self.challenge:
+            if self.newest is None:  # it may be fresh: answering lets it prove that
+                self.answer = frame.challenge
+            raise FrameError(Refusal.UNANSWERED)
+        self.challenge = self._nonce()
+        self._clock = RemoteClock()
+        self._seen = 1
+
+    def _behind(self, distance: int) -> Refusal:
+        if distance >= WINDOW:
+            return Refusal.REPLAYED
+        bit = 1 << distance
+        cause = Refusal.DUPLICATE if self._seen & bit else Refusal.REORDERED
+        self._seen |= bit
+        return cause

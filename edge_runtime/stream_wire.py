@@ -1,0 +1,103 @@
+"""The frames of a pose or range stream, and a robot's requests for them: authenticated like the team's.
+
+Little endian: magic, kind, number of values, robot, boot id, sequence, challenge, answer, stamp, the values;
+then HMAC-SHA256 of all that. What the session fields are for: `edge_runtime.fleet_session`.
+"""
+
+import enum
+import hmac
+import math
+import struct
+from typing import Final, NamedTuple
+
+import msgspec
+
+from edge_runtime.fleet_wire import FrameError, Refusal
+from edge_runtime.messages import Vector2
+
+STREAM_MAGIC: Final = b"CFS\x01"
+"""Its last byte is the version of the layout; change it with the layout."""
+MOST_VALUES: Final = 1024
+_HEAD: Final = struct.Struct("<4sBxHHxxQQQQd")
+_TAG_BYTES: Final = 32
+
+
+class Kind(enum.IntEnum):
+    """What a frame is."""
+
+    POSE_REQUEST = 1
+    """From a robot, without values: it wants poses."""
+    RANGES_REQUEST = 2
+    POSE = 3
+    """Values as in `Pose`."""
+    RANGES = 4
+    """Distances in m, one a ray, in the order and along the directions of the policy's sensor."""
+
+
+class Pose(NamedTuple):
+    """A robot's motion in the team's frame."""
+
+    position_m: Vector2
+    velocity_m_s: Vector2
+    heading_rad: float
+
+
+class StreamFrame(msgspec.Struct, frozen=True, gc=False):
+    """One frame from or to a robot."""
+
+    kind: Kind
+    robot_id: int
+    """Which robot asks, or is told."""
+    boot_id: int
+    """Drawn by the sender at each start."""
+    sequence: int
+    challenge: int
+    """What the receiver is to answer."""
+    answer: int
+    """The newest challenge that the sender had from the receiver; 0 before the first."""
+    stamp_s: float
+    """When it was measured, by the sender's monotonic clock."""
+    values: tuple[float, ...] = ()
+
+    def pose(self) -> Pose:
+        """Return what a frame of kind POSE says."""
+        x, y, v_x, v_y, heading = self.values
+        return Pose((x, y), (v_x, v_y), heading)
+
+
+def encode_stream(frame: StreamFrame, key: bytes) -> bytes:
+    """Return the authenticated packet of a frame."""
+    head = _HEAD.pack(
+        STREAM_MAGIC,
+        frame.kind,
+        len(frame.values),
+        frame.robot_id,
+        frame.boot_id,
+        frame.sequence,
+        frame.challenge,
+        frame.answer,
+        frame.stamp_s,
+    )
+    body = head + struct.pack(f"<{len(frame.values)}d", *frame.values)
+    return body + hmac.digest(key, body, "sha256")
+
+
+def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
+    """Read a packet.
+
+    Raises:
+        FrameError: if it is malformed, not made with this key, or holds a number that is not finite.
+    """
+    body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
+    if len(body) < _HEAD.size or body[: len(STREAM_MAGIC)] != STREAM_MAGIC:
+        raise FrameError(Refusal.MALFORMED)
+    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), tag):
+        raise FrameError(Refusal.FOREIGN)
+    _, kind, count, robot_id, boot_id, sequence, challenge, answer, stamp_s = _HEAD.unpack_from(body)
+    expected = {Kind.POSE_REQUEST: 0, Kind.RANGES_REQUEST: 0, Kind.POSE: 5}.get(kind, count)
+    if kind not in set(Kind) or count != expected or len(body) != _HEAD.size + 8 * count:
+        raise FrameError(Refusal.MALFORMED)
+    values = struct.unpack_from(f"<{count}d", body, _HEAD.size)
+    if not (math.isfinite(stamp_s) and all(map(math.isfinite, values))):
+        raise FrameError(Refusal.NOT_FINITE)
+    return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values)

@@ -1,0 +1,145 @@
+"""What a robot hears of its own pose and ranges from others: a motion-capture host, a LIDAR's driver.
+
+The robot asks each source for its stream a few times a second; the requests carry the challenge that makes
+recordings worthless, and a source speaks to robots that ask. A pose or ranges older than 100 ms are not used.
+"""
+
+from typing import Final
+
+from msgspec.structs import replace
+
+from edge_runtime.fleet_session import Session, random_nonce
+from edge_runtime.fleet_udp import Carrier, Datagram
+from edge_runtime.fleet_wire import FrameError, Refusal
+from edge_runtime.frame_turn import turned
+from edge_runtime.messages import Command, RobotState
+from edge_runtime.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
+
+POSE_SOURCE: Final = -1
+RANGES_SOURCE: Final = -2
+"""In the place of a robot's id, for the carrier; no robot has them."""
+STALE_S: Final = 0.1
+REQUEST_S: Final = 0.1
+"""Time between two requests."""
+
+
+class Stream:
+    """One source, as a robot hears it.
+
+    Args:
+        source: in the carrier.
+        robot_id: of this robot.
+        request: the kind of its requests.
+        content: the kind of what it wants.
+        values: how many a frame must have.
+        key: the team's.
+        carrier: takes the requests.
+    """
+
+    def __init__(
+        self,
+        source: int,
+        robot_id: int,
+        request: Kind,
+        content: Kind,
+        values: int,
+        key: bytes,
+        carrier: Carrier,
+    ) -> None:
+        self.content = content
+        self._source, self._robot_id, self._request, self._values = source, robot_id, request, values
+        self._key, self._carrier = key, carrier
+        self._session: Session[StreamFrame] = Session()
+        self._boot_id, self._sequence, self._due_s = random_nonce(), 0, 0.0
+
+    def ask(self, now_s: float) -> None:
+        """Ask for the stream, if it is time to."""
+        if now_s < self._due_s:
+            return
+        self._due_s, self._sequence = now_s + REQUEST_S, self._sequence + 1
+        session = self._session
+        request = StreamFrame(
+            self._request,
+            self._robot_id,
+            self._boot_id,
+            self._sequence,
+            session.challenge,
+            session.answer,
+            now_s,
+        )
+        self._carrier.send(self._source, encode_stream(request, self._key))
+
+    def take(self, frame: StreamFrame, arrival_s: float) -> None:
+        """Take in an authentic frame for this robot; raises FrameError if it is of no use."""
+        if len(frame.values) != self._values:
+            raise FrameError(Refusal.MALFORMED)
+        self._session.admit(frame, arrival_s)
+
+    def newest(self) -> StreamFrame | None:
+        """Return the newest frame, stamped in our clock; None before the first."""
+        newest = self._session.newest
+        return newest and replace(newest, stamp_s=self._session.measured_s)
+
+
+class Streams:
+    """All sources of one robot.
+
+    Args:
+        robot_id: of this robot.
+        pose: its pose stream; None where the bridge tells the pose.
+        ranges: its range stream; None where ranges are computed from the teammates.
+        key: the team's.
+    """
+
+    def __init__(self, robot_id: int, pose: Stream | None, ranges: Stream | None, key: bytes) -> None:
+        self._robot_id, self._pose, self._ranges, self._key = robot_id, pose, ranges, key
+        self._all = {stream.content: stream for stream in (pose, ranges) if stream}
+        self._turn_rad = 0.0
+
+    def ask(self, now_s: float) -> None:
+        """Ask every source that is due."""
+        for stream in self._all.values():
+            stream.ask(now_s)
+
+    def take(self, datagram: Datagram) -> None:
+        """Take in a packet; raises FrameError if it is not a source's, or of no use."""
+        frame = decode_stream(datagram.content, self._key)
+        stream = self._all.get(frame.kind)
+        if stream is None or frame.robot_id != self._robot_id:
+            raise FrameError(Refusal.MISDIRECTED)
+        stream.take(frame, datagram.arrival_s)
+
+    def locate(self, bridge: RobotState) -> RobotState | None:
+        """Return the own state in the team's frame, or None where the stream has not told it yet.
+
+        Position, velocity and heading are the stream's. The stamp is the older one of stream and bridge: a
+        base whose feedback is stale must not be driven by a fresh pose.
+        """
+        if self._pose is None:
+            return bridge
+        newest = self._pose.newest()
+        if newest is None:
+            return None
+        pose = newest.pose()
+        self._turn_rad = bridge.heading_rad - pose.heading_rad
+        stamp_s = min(bridge.stamp_s, newest.stamp_s)
+        return RobotState(bridge.robot_id, stamp_s, pose.position_m, pose.velocity_m_s, pose.heading_rad)
+
+    def ranges_m(self) -> tuple[float, ...] | None:
+        """Return the newest ranges, or None where they are computed from the teammates."""
+        newest = self._ranges.newest() if self._ranges else None
+        return newest.values if newest else None
+
+    def fault(self, now_s: float) -> str:
+        """Say which stream is silent or old; empty if all are fresh."""
+        for stream in self._all.values():
+            newest, name = stream.newest(), stream.content.name.lower()
+            if newest is None:
+                return f"waits for the {name} stream: not heard yet"
+            if now_s - newest.stamp_s > STALE_S:
+                return f"the {name} stream is older than {STALE_S:g} s"
+        return ""
+
+    def for_base(self, command: Command) -> Command:
+        """Turn a command from the team's frame into the one in which the bridge's odometry lives."""
+        return turned(command, self._turn_rad) if self._pose else command
