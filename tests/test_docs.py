@@ -1,0 +1,124 @@
+"""What the documentation shows works as it stands: its commands, its files, its links, its service."""
+
+import argparse
+import importlib
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from benchmarks.__main__ import COMMANDS as BENCHMARKS
+from edge_runtime.config import load_fleet, load_steering
+from edge_runtime.gradient_check import check_gradient
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SCRIPTS = msgspec.toml.decode((ROOT / "pyproject.toml").read_bytes())["project"]["scripts"]
+PROGRAMS = {name: target.partition(":")[0] for name, target in SCRIPTS.items()}
+OURS = {"benchmarks", "edge_runtime", "export", "firmware_bridge"}
+
+
+class UnderstoodError(Exception):
+    """A command line was understood; its program need not go on."""
+
+
+def blocks(page, language):
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
+    return [text for kind, text in fenced if kind == language]
+
+
+def commands(page):
+    """The command lines of a page's blocks of commands, as words, without what the shell takes."""
+    for block in blocks(page, ""):
+        for line in block.replace("\\\n", " ").splitlines():
+            command = re.sub(r"\s{2,}[#(].*$", "", line).strip().removeprefix("OMP_NUM_THREADS=1 ")
+            if re.match(r"[\w./-]*(edge-|python)", command):
+                yield shlex.split(command.partition(" > ")[0].partition(" | ")[0], comments=True)
+
+
+def program(words):
+    """The module behind one of our command lines, and its arguments; None for another project's."""
+    name, *rest = words
+    name = name.rpartition("/")[2]
+    if name in PROGRAMS:
+        return PROGRAMS[name], rest
+    if rest[:1] != ["-m"] or rest[1].split(".")[0] not in OURS:
+        return None
+    return (BENCHMARKS[rest[2]], rest[3:]) if rest[1] == "benchmarks" else (rest[1], rest[2:])
+
+
+OWN = {
+    f"{page.name}: {' '.join(words)}": found
+    for page in PAGES
+    for words in commands(page)
+    if (found := program(words))
+}
+
+
+@pytest.mark.parametrize("line", OWN)
+def test_every_command_is_understood_by_its_program(line, monkeypatch):
+    module, arguments = OWN[line]
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_and_leave(parser, given=None, namespace=None):
+        parse(parser, given, namespace)
+        raise UnderstoodError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_and_leave)
+    monkeypatch.setattr(sys, "argv", ["", *arguments])
+    main = importlib.import_module(module).main
+    with pytest.raises(UnderstoodError):
+        main(arguments) if main.__code__.co_argcount else main()
+
+
+def test_the_pages_show_commands_of_every_program():
+    assert set(PROGRAMS.values()) <= {module for module, _ in OWN.values()}
+
+
+def test_the_fleet_file_loads(tmp_path):
+    (text,) = blocks(ROOT / "docs" / "team.md", "toml")
+    (tmp_path / "team.toml").write_text(text)
+    fleet = load_fleet(tmp_path / "team.toml")
+    assert [robot.id for robot in fleet.robots] == [0, 1]
+
+
+def test_the_objectives_file_loads_and_the_own_objective_passes_its_check(tmp_path, capsys):
+    page = ROOT / "docs" / "objective.md"
+    (text,) = blocks(page, "toml")
+    (tmp_path / "mine.toml").write_text(text)
+    assert len(load_steering(tmp_path / "mine.toml").objectives) == 2
+    names = {"__name__": "stay_north", "check_gradient": check_gradient}
+    for code in blocks(page, "python"):
+        exec(compile(code, "objective.md", "exec"), names)  # noqa: S102
+    assert "worst_error" in capsys.readouterr().out
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    line = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "index.html").exists()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
+def test_the_service_is_one_that_systemd_takes(tmp_path):
+    unit = ROOT / "edge_runtime" / "systemd" / "edge-run@.service"
+    edge_run = Path(sys.executable).with_name("edge-run")
+    text = unit.read_text().replace("/opt/cfpg-edge/bin/edge-run", str(edge_run))
+    copy = tmp_path / unit.name
+    copy.write_text(text)
+    line = ["systemd-analyze", "verify", str(copy)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr.strip(), done.stderr
+
+
+def test_the_service_neither_arms_nor_restarts_by_itself():
+    text = (ROOT / "edge_runtime" / "systemd" / "edge-run@.service").read_text()
+    assert "--arm" not in text
+    assert "Restart=no" in text
