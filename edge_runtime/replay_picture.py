@@ -1,6 +1,7 @@
 """The picture of what a robot did and what it would have done instead; needs matplotlib."""
 
 from pathlib import Path
+from typing import Final
 
 import matplotlib as mpl
 
@@ -15,11 +16,13 @@ from edge_runtime.replay_question import Answer, speeds_m_s
 
 DONE, INSTEAD = "tab:blue", "tab:orange"
 ARROWS = 24
-"""So many situations show both velocities."""
+"""So many situations show both actions."""
+LONGEST: Final = 0.2
+"""Of the arrows, as a share of the way's extent."""
 
 
 def draw(answer: Answer, question: str, path: Path) -> None:
-    """Write the picture: the way with both commanded velocities, both speeds, and the actions' distance."""
+    """Write the picture: the way with both actions, both commanded speeds, the distance of the actions."""
     figure, panels = plt.subplot_mosaic(
         [["way", "speed"], ["way", "change"]], figsize=(10, 5), layout="constrained"
     )
@@ -43,16 +46,18 @@ def _draw_way(axes: Axes, answer: Answer, place: RobotPlace) -> None:
     axes.plot(*place.start_m, "o", color="grey", label="start")
     axes.plot(*place.goal_m, "*", color="black", ms=12, label="goal")
     shown = np.unique(np.linspace(0, len(way) - 1, ARROWS).astype(int))
+    every = np.array([command.action for command in (*answer.done, *answer.instead)])
+    scale = np.abs(every).max() / (LONGEST * max(np.ptp(way), 1e-3)) or 1.0
     for commands, colour, label in ((answer.done, DONE, "as it was"), (answer.instead, INSTEAD, "instead")):
-        velocity = np.array([commands[index].velocity_m_s for index in shown])
+        actions = np.array([commands[index].action for index in shown])
         axes.quiver(
             *way[shown].T,
-            *velocity.T,
+            *actions.T,
             color=colour,
-            label=f"velocity, {label}",
+            label=f"action, {label}",
             angles="xy",
             scale_units="xy",
-            scale=2.0,
+            scale=scale,
             width=0.005,
             zorder=2,
         )
