@@ -116,6 +116,27 @@ def test_tasks_without_objectives_are_refused(monkeypatch):
         scenario_facts("other", preferred=True)
 
 
+@pytest.mark.parametrize("name", sorted(EXECUTION_OBJECTIVES))
+def test_every_task_with_objectives_pays_by_the_preference(name):
+    """The same motion is paid for the task alone, then for one objective alone."""
+    scenario = make_scenario(name, 256, 0, CPU, training=True, preferred=True)
+    assert scenario.facts.observation[-1].size == 3
+    before, weights = scenario.state_dict(), torch.eye(3)
+    rewards = []
+    for weight in weights:
+        scenario.load_state_dict(before)
+        scenario.preference[:] = weight
+        robots = scenario.facts.robots
+        rewards.append(scenario.step(torch.ones(256, robots, 2)).reward)
+    task, *objectives = rewards
+    scenario.load_state_dict(before)
+    expected = scenario.scenario.step(torch.ones(256, robots, 2)).reward / NOMINAL_STEP[name]
+    torch.testing.assert_close(task, expected)
+    for paid in objectives:
+        assert paid.min() < 0
+        assert -1 < paid.min() <= paid.max() <= 0
+
+
 def test_bundle_takes_the_preference_as_an_observation(tmp_path):
     torch.manual_seed(0)
     facts = scenario_facts("navigation", preferred=True)
