@@ -94,7 +94,7 @@ def _action_limit(manifest: Manifest) -> float:
 
 
 def _check_rate(profile: Profile, rate_hz: float) -> None:
-    timeout_s = profile.firmware_timeout_s
+    timeout_s = profile.watchdog.timeout_s if profile.watchdog else profile.firmware_timeout_s
     if timeout_s and 1.0 / rate_hz >= timeout_s:
         raise ConfigError(
             f"a control rate of {rate_hz:g} Hz is too slow: "

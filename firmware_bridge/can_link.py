@@ -14,6 +14,7 @@ from firmware_bridge.can_codec import CanCodec
 from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
 from firmware_bridge.can_frame import Frame, Transport
 from firmware_bridge.can_limo import LimoPort
+from firmware_bridge.can_odrive import watchdog_timeout_s
 from firmware_bridge.can_profile import Profile, load_profile
 from firmware_bridge.guard_link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard_spec import GuardSpec
@@ -37,13 +38,21 @@ class CanLink:
 
     keepalive_period_s = math.inf
 
-    def __init__(self, profile: Profile, codec: CanCodec, transport: Transport, robot: DeadReckoning) -> None:
+    def __init__(
+        self,
+        profile: Profile,
+        codec: CanCodec,
+        transport: Transport,
+        robot: DeadReckoning,
+        arm: bool = False,
+    ) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
         self.recoveries = profile.recoveries
         self._profile = profile
         self._codec = codec
         self._transport = transport
         self._robot = robot
+        self._arm = arm
         self._rules = FeedbackRules(profile.feedback)
         self._motion_signals = _motion_signals(profile)
         self._state: RobotState | None = None
@@ -52,8 +61,14 @@ class CanLink:
         self._dropped = 0
 
     def open(self) -> None:
-        """Open the bus."""
+        """Open the bus; drives with a watchdog are asked for it, which ``--arm`` turns on.
+
+        Raises:
+            BridgeError: if the bus cannot be opened, or such a drive does not answer.
+        """
         self._transport.open()
+        if self._profile.watchdog is not None:
+            self.firmware_timeout_s = watchdog_timeout_s(self._transport, self._profile.watchdog, self._arm)
 
     def close(self) -> None:
         """Close the bus."""
@@ -174,7 +189,7 @@ def make_link(spec: GuardSpec) -> CanLink:
     path = Path(options.profile)
     profile = load_profile(path)
     robot = DeadReckoning(spec.robot_id, options.pose, profile.base)
-    return CanLink(profile, CanCodec(profile, path), _transport(profile, options.bus), robot)
+    return CanLink(profile, CanCodec(profile, path), _transport(profile, options.bus), robot, spec.arm)
 
 
 def _transport(profile: Profile, bus: str) -> Transport:

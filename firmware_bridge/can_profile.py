@@ -14,6 +14,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.toml_file import read_toml, to_record
 from firmware_bridge.base_kinematics import Base
 from firmware_bridge.can_e2e import Protection
+from firmware_bridge.can_odrive import Watchdog
 
 PROFILES = Path(__file__).with_name("profiles")
 
@@ -118,6 +119,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     feedback: Feedback
     firmware_timeout_s: float | None = None
     """Silence after which the firmware stops by itself; leave it out where unknown, 0 where off."""
+    watchdog: Watchdog | None = None
+    """ODrive: where to read that timeout, and to set it with ``--arm``."""
     enable: tuple[Step, ...] = ()
     enable_timeout_s: float = 2.0
     recoveries: int = 3
@@ -130,6 +133,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if not 0.0 < self.period_s <= 1.0:
             raise ValueError(f"`period_s` must lie in (0, 1], got {self.period_s}")
+        if self.watchdog and self.firmware_timeout_s is not None:
+            raise ValueError("leave `firmware_timeout_s` out: with `watchdog` the drives are asked for it")
         if self.recoveries < 0:
             raise ValueError(f"`recoveries` must not be negative, got {self.recoveries}")
         if not self.motion or not self.feedback.stale_s:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from edge_runtime.checkup import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import BridgeError
 from edge_runtime.mission import Mission
@@ -24,7 +26,7 @@ KINDS = ("can", "vcan", "vxcan")
 
 
 def examine_link(mission: Mission, options: CanFlags) -> Iterator[Finding]:
-    """Yield what is found; nothing is sent.
+    """Yield what is found; nothing is sent, but drives with a watchdog are asked for it.
 
     Raises:
         ConfigError: at once, if profile, DBC, limits or rates do not fit.
@@ -40,14 +42,14 @@ def _findings(spec: GuardSpec, options: CanFlags, profile: Profile) -> Iterator[
         yield from examine_interface(str(place["channel"]), profile.period_s)
     else:
         yield examine("CAN interface", lambda: ok(f"{place['interface']}: not one of Linux's interfaces"))
-    link = make_link(spec)
+    link = make_link(msgspec.structs.replace(spec, arm=False))
+    yield examine("feedback", partial(feedback, link, spec.arm))
     unsafe = spec.allow_unsafe_firmware_timeout
-    source = f"says profile {options.profile}"
+    source = "as the drives answer" if profile.watchdog else f"says profile {options.profile}"
     yield examine(
         "firmware timeout",
         lambda: firmware_timeout(link.firmware_timeout_s, source, allow_unsafe=unsafe),
     )
-    yield examine("feedback", partial(feedback, link, spec.arm))
 
 
 def examine_interface(name: str, period_s: float) -> Iterator[Finding]:

@@ -68,6 +68,12 @@ class TestPublishedFrames:
         assert motion.values["MotionState.Linear"] == pytest.approx(-0.15)
         assert motion.values["MotionState.Angular"] == pytest.approx(0.05)
 
+    def test_agilex_odometry(self, tmp_path):
+        # Both wheels' way in mm, int32, the left one first.
+        agilex = edited(tmp_path, {"MotionState = 0.1 }": "MotionState = 0.1, Odometry = 0.1 }"})
+        way = agilex.decode(frame(0x311, "FF FF FC 18 00 01 86 A0"))
+        assert way.values == {"Odometry.Left": pytest.approx(-1.0), "Odometry.Right": pytest.approx(100.0)}
+
     def test_limo_takes_command_in_mecanum_mode(self):
         limo = codec("agilex_limo")
         step = load_profile(profile_path("agilex_limo")).enable[0]
