@@ -14,6 +14,7 @@ from export.pc_mappo import PcMappo
 from export.scenarios import SCENARIOS, make_scenario, scenario_facts
 from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
 from export.scenarios.navigation import FACTS
+from export.scenarios.scenario import EpisodeMetrics
 from export.scenarios.violations import violations
 
 CPU = torch.device("cpu")
@@ -89,6 +90,14 @@ def test_validation_weighs_everything_equally():
     scenario = preferred(3, training=False)
     scenario.reset()
     torch.testing.assert_close(scenario.preference, torch.full((3, 3), 1 / 3))
+
+
+def test_score_prefers_the_faster_way_and_stays_within_its_bounds():
+    def score(mean_return, steps):
+        return preferred().score(EpisodeMetrics(10, mean_return, success=0.5, failure=0.0, steps=steps))
+
+    assert score(3.0, 40.0) > score(3.0, 80.0) > score(0.0, 80.0) == 0.5 > score(-3.0, 80.0)
+    assert (score(-300.0, 80.0), score(300.0, 80.0)) == (0.0, 1.0)
 
 
 def test_preferences_say_nothing_of_the_starts():

@@ -81,8 +81,11 @@ class Preferred:
         self._prefer(finished)
 
     def score(self, metrics: EpisodeMetrics) -> float:
-        """Return the weighted return r of an episode as 1/2 + r / (2 (1 + |r|)): rising, within [0, 1]."""
-        return 0.5 + 0.5 * metrics.mean_return / (1.0 + abs(metrics.mean_return))
+        """Return (1 + r) / 2 of the weighted reward r per step: 0.5 is earned by doing nothing at all.
+
+        Not of the return: an episode is followed up to its success only, and success ends the earning.
+        """
+        return min(max(0.5 + 0.5 * metrics.mean_return / metrics.steps, 0.0), 1.0)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the scenario's state, the preferences and their generator."""
