@@ -8,7 +8,7 @@ import vmas
 from edge_runtime.observation import disc_ranges_batch
 from edge_runtime.scene import TeamBatch
 from export.scenarios import make_scenario
-from export.scenarios.sampling import FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
+from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
 from export.scenarios.scenario import EpisodeMetrics
 
 CPU = torch.device("cpu")
@@ -143,7 +143,14 @@ def test_masked_reset_leaves_the_other_episodes_alone():
     assert (after["gathered"][finished] == 0).all()
 
 
-def test_only_training_starts_in_motion():
+def test_only_training_starts_in_motion_and_in_clusters():
+    def clustered(scenario):
+        position, _ = scenario.motion()
+        return ((position.amax(1) - position.amin(1)).amax(1) <= 2 * CLUSTER_M).float().mean()
+
+    by_chance = clustered(sampling(2000))
+    wanted = CLUSTERED_SHARE + (1 - CLUSTERED_SHARE) * by_chance
+    assert float(clustered(sampling(2000, training=True))) == pytest.approx(float(wanted), abs=0.05)
     speed = sampling(training=True).motion()[1].abs().max()
     assert 0.5 * START_SPEED_M_S < speed <= START_SPEED_M_S
     assert sampling(training=False).motion()[1].abs().max() == 0

@@ -29,6 +29,10 @@ NEIGHBOUR_CELLS = (7, 1, 5, 3, 0, 6, 2, 8)
 START_SPEED_M_S = 0.3
 """Training episodes start moving, up to this speed along each axis, so that the policy also knows
 states that guidance leads to and that it would not enter by itself."""
+CLUSTERED_SHARE = 0.3
+"""Share of the training episodes whose robots start close together, as an objective may ask of a team
+that would rather spread: within a square of half-width ``CLUSTER_M`` somewhere in the field."""
+CLUSTER_M = 0.4
 FULL_SCORE_RETURN = 150.0
 """Return of an episode that scores 1, out of reach in 100 steps: good policies gather 80 to 90."""
 
@@ -67,6 +71,7 @@ class Sampling:
         self.environments = environments
         self.device = device
         self._start_speed = START_SPEED_M_S if training else 0.0
+        self._clustered_share = CLUSTERED_SHARE if training else 0.0
         self._generator = torch.Generator(device).manual_seed(seed)
         self._vmas = VmasSampling()
         self._world = self._vmas.env_make_world(environments, device, n_agents=ROBOTS)
@@ -115,8 +120,7 @@ class Sampling:
         rows = finished.nonzero()[:, 0]
         self._field.renew(rows, HALF_WIDTH_M * self._symmetric(len(rows), BUMPS, 2))
         position, velocity = self.motion()
-        # VMAS draws from the whole field, then lifts starts inside a wall to its face.
-        position[rows] = (HALF_WIDTH_M * self._symmetric(len(rows), ROBOTS, 2)).clamp(-WALL_M, WALL_M)
+        position[rows] = self._starts(len(rows))
         velocity[rows] = self._start_speed * self._symmetric(len(rows), ROBOTS, 2)
         self._set_motion(position, velocity)
         self._gathered[rows] = 0.0
@@ -145,6 +149,14 @@ class Sampling:
         for name in ("centre", "densest", "emptied"):
             getattr(self._field, name).copy_(state[name])
         self._generator.set_state(state["generator"])
+
+    def _starts(self, count: int) -> Tensor:
+        """Draw places (count, N, 2) as VMAS does: from the whole field, then clamped to the walls' faces."""
+        place = HALF_WIDTH_M * self._symmetric(count, ROBOTS, 2)
+        middle = HALF_WIDTH_M * self._symmetric(count, 1, 2)
+        clustered = self._symmetric(count, 1, 1) < 2 * self._clustered_share - 1
+        together = middle + CLUSTER_M / HALF_WIDTH_M * place
+        return torch.where(clustered, together, place).clamp(-WALL_M, WALL_M)
 
     def _symmetric(self, *shape: int) -> Tensor:
         """Draw from [-1, 1]."""
