@@ -11,9 +11,9 @@ from benchmarks.faults.bad_commands import bad_numbers, count_passed
 from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
-from benchmarks.faults.latency import guard_latencies
+from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, table, timed
+from benchmarks.faults.rows import Row, replaced, table, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from edge_runtime.errors import BridgeError
 from firmware_bridge import guard_core
@@ -45,6 +45,19 @@ def test_a_trial_is_repeated_only_if_the_machine_disturbed_it():
     assert undisturbed(trial) == (0.5, 2)
     with pytest.raises(BridgeError, match="never stopped"):
         undisturbed(trial)
+
+
+@FIRMWARES
+def test_the_bus_alone_delivers_every_frame(firmware):
+    delays = bus_latencies(firmware, 20)
+    assert len(delays) == 20
+    assert min(delays) > 0.0
+
+
+def test_only_what_was_measured_again_is_replaced():
+    old = [Row("a", "can", 1), Row("a", "mavlink", 1), Row("b", "can", 1)]
+    newer = [Row("c", "can", 2), Row("a", "mavlink", 2)]
+    assert replaced(old, newer) == [old[0], newer[1], old[2], newer[0]]
 
 
 @FIRMWARES

@@ -8,6 +8,7 @@ import msgspec
 
 from benchmarks.faults.firmware import DEADLINE_S, Firmware, Heard, free_port, to_monotonic
 from firmware_bridge.can_feedback import Pose
+from firmware_bridge.can_frame import Frame
 from firmware_bridge.can_link import CanOptions
 from firmware_bridge.can_profile import profile_path
 from firmware_bridge.guard_link import Limits
@@ -18,6 +19,11 @@ COMMANDED = (500).to_bytes(2, "big")
 """0.5 m/s."""
 _MOTION, _BRAKE, _MODE, _CLEAR = 0x111, 0x131, 0x421, 0x441
 _BUS_OFF = 0x40
+
+
+def driving_frame() -> Frame:
+    """Return the frame of 0.5 m/s straight on."""
+    return Frame(_MOTION, COMMANDED + bytes(6))
 
 
 class CanFirmware(Firmware):

@@ -2,12 +2,14 @@
 
 Runtime and guard are processes of their own, the firmware is this one: a chassis on a UDP multicast CAN bus,
 a rover on a UDP socket. Times are the kernel's stamps of arrival at the firmware. The bus-off is an error
-frame put on the multicast bus; the tests on SocketCAN cause one in a kernel.
+frame put on the multicast bus; the tests on SocketCAN cause one in a kernel. Rows of the file that are not
+measured again stay as they are.
 """
 
 import argparse
+import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,35 +19,52 @@ from rich.progress import Progress
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.forged_frames import count_accepted
-from benchmarks.faults.latency import guard_latencies
+from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, table, timed
-from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
+from benchmarks.faults.rows import Row, read_rows, replaced, table, timed
+from benchmarks.faults.trials import FAULTS, Fault, run_trial, undisturbed
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 COMMANDS_A_TRIAL = 5000
 """Bad commands: 200 trials make a million."""
 FRAMES_A_TRIAL = 500
 LATENCIES_A_TRIAL = 5
-LATENCIES_AT_LEAST, LATENCIES_AT_MOST = 100, 1000
+LATENCIES_A_ROUND = 100
 FIRMWARES = (CanFirmware, MavlinkFirmware)
+LATENCIES = {
+    "none: latency through the guard": guard_latencies,
+    "none: latency of the bus alone": bus_latencies,
+}
+BAD_COMMANDS = "NaN, infinite or over-limit command"
+FORGED_FRAMES = "unsigned, replayed or altered frame"
+NAMES = (*dict.fromkeys(fault.name for fault in FAULTS), *LATENCIES, BAD_COMMANDS, FORGED_FRAMES)
+REALTIME = ", --realtime"
+"""Added to the names of rows."""
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run all measurements, print the table and write the rows."""
     options = _parse(arguments)
     with Progress(disable=not sys.stderr.isatty()) as progress:
-        rows = [
-            *_stops(options.trials, _bar(progress, "stops", options.trials * len(FAULTS))),
-            *_latencies(options.trials, _bar(progress, "guard latency", len(FIRMWARES))),
-            *_bad_commands(options.trials, progress),
-            _forged_frames(options.trials * FRAMES_A_TRIAL, progress),
-        ]
+        rows = list(_measure(options, progress))
     print(table(rows))
     print(f"{sum(row.repeated for row in rows)} trials were run again: a busy machine ended them too early")
     options.json.parent.mkdir(parents=True, exist_ok=True)
+    rows = replaced(read_rows(options.json), rows)
     options.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
     return 0
+
+
+def _measure(options: argparse.Namespace, progress: Progress) -> Iterator[Row]:
+    wanted, trials, realtime = options.only or NAMES, options.trials, options.realtime
+    faults = [fault for fault in FAULTS if fault.name in wanted]
+    yield from _stops(faults, trials, realtime, _bar(progress, "stops", trials * len(faults)))
+    latencies = [name for name in LATENCIES if name in wanted]
+    yield from _latencies(latencies, trials, realtime, _bar(progress, "latencies", trials))
+    if BAD_COMMANDS in wanted:
+        yield from _bad_commands(trials, progress)
+    if FORGED_FRAMES in wanted:
+        yield _forged_frames(trials * FRAMES_A_TRIAL, progress)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -56,10 +75,18 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         default=200,
         help=f"of each fault; {COMMANDS_A_TRIAL} bad commands and {FRAMES_A_TRIAL} forged frames for each",
     )
+    parser.add_argument("--only", nargs="+", choices=NAMES, metavar="FAULT", help="; ".join(NAMES))
+    parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help=f"runtime and guard as under edge-run --realtime, rows {REALTIME!r}",
+    )
     parser.add_argument("--json", type=Path, default=RESULTS, help="where the rows go")
     options = parser.parse_args(arguments)
     if options.trials < 1:
         parser.error(f"--trials must be positive, got {options.trials}")
+    if options.realtime:
+        options.only = [name for name in options.only or NAMES if name not in (BAD_COMMANDS, FORGED_FRAMES)]
     return options
 
 
@@ -68,28 +95,41 @@ def _bar(progress: Progress, name: str, total: int) -> Callable[[int], None]:
     return lambda count: progress.advance(task, count)
 
 
-def _stops(trials: int, advance: Callable[[int], None]) -> list[Row]:
+def _stops(
+    faults: Sequence[Fault], trials: int, realtime: bool, advance: Callable[[int], None]
+) -> Iterator[Row]:
     """Run every fault in every round, so that a slow minute is slow for all of them."""
-    results: list[list[tuple[float, int]]] = [[] for _ in FAULTS]
+    results: list[list[tuple[float, int]]] = [[] for _ in faults]
     for _ in range(trials):
-        for fault, kept in zip(FAULTS, results, strict=True):
-            kept.append(undisturbed(partial(run_trial, fault)))
+        for fault, kept in zip(faults, results, strict=True):
+            kept.append(undisturbed(partial(run_trial, fault, realtime)))
             advance(1)
-    rows = []
-    for fault, kept in zip(FAULTS, results, strict=True):
+    for fault, kept in zip(faults, results, strict=True):
         seconds, repeated = zip(*kept, strict=True)
-        rows.append(timed(fault.name, fault.firmware.name, seconds, sum(repeated)))
-    return rows
+        yield timed(_named(fault.name, realtime), fault.firmware.name, seconds, sum(repeated))
 
 
-def _latencies(trials: int, advance: Callable[[int], None]) -> list[Row]:
-    commands = min(max(trials * LATENCIES_A_TRIAL, LATENCIES_AT_LEAST), LATENCIES_AT_MOST)
-    rows = []
-    for kind in FIRMWARES:
-        seconds, repeated = undisturbed(partial(guard_latencies, kind, commands))
-        rows.append(timed("none: latency through the guard", kind.name, seconds, repeated))
-        advance(1)
-    return rows
+def _latencies(
+    names: Sequence[str], trials: int, realtime: bool, advance: Callable[[int], None]
+) -> Iterator[Row]:
+    """Send LATENCIES_A_ROUND commands each way in every round, for the same reason."""
+    ways = [(name, kind) for name in names for kind in FIRMWARES]
+    seconds: list[list[float]] = [[] for _ in ways]
+    repeats = [0] * len(ways)
+    rounds = math.ceil(trials * LATENCIES_A_TRIAL / LATENCIES_A_ROUND)
+    for _ in range(rounds):
+        for index, (name, kind) in enumerate(ways):
+            trial = partial(LATENCIES[name], kind, LATENCIES_A_ROUND, realtime)
+            delays, repeated = undisturbed(trial)
+            seconds[index] += delays
+            repeats[index] += repeated
+        advance(trials // rounds)
+    for (name, kind), delays, repeated in zip(ways, seconds, repeats, strict=True):
+        yield timed(_named(name, realtime), kind.name, delays, repeated)
+
+
+def _named(name: str, realtime: bool) -> str:
+    return name + REALTIME if realtime else name
 
 
 def _bad_commands(trials: int, progress: Progress) -> list[Row]:
@@ -99,10 +139,10 @@ def _bad_commands(trials: int, progress: Progress) -> list[Row]:
         bar = _bar(progress, f"bad commands, {kind.name}", commands)
         with kind() as firmware:
             passed = count_passed(firmware, commands, bar)
-        rows.append(Row("NaN, infinite or over-limit command", kind.name, commands, passed=passed))
+        rows.append(Row(BAD_COMMANDS, kind.name, commands, passed=passed))
     return rows
 
 
 def _forged_frames(frames: int, progress: Progress) -> Row:
     accepted = count_accepted(frames, _bar(progress, "forged frames", frames))
-    return Row("unsigned, replayed or altered frame", MavlinkFirmware.name, frames, passed=accepted)
+    return Row(FORGED_FRAMES, MavlinkFirmware.name, frames, passed=accepted)

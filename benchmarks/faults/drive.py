@@ -24,7 +24,7 @@ class DisturbedError(BridgeError):
 class Drive:
     """A context manager that ends both processes; ``firmware`` serves while anything is waited for."""
 
-    def __init__(self, firmware: Firmware, commands: int = FOREVER) -> None:
+    def __init__(self, firmware: Firmware, commands: int = FOREVER, realtime: bool = False) -> None:
         self._firmware = firmware
         self.runtime = subprocess.Popen(  # noqa: S603 - our own interpreter and module
             [
@@ -33,6 +33,7 @@ class Drive:
                 "benchmarks.faults.runtime",
                 msgspec.json.encode(firmware.spec()).decode(),
                 str(commands),
+                str(int(realtime)),
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -26,6 +27,18 @@ def timed(fault: str, bridge: str, seconds: Sequence[float], repeated: int = 0) 
     """Summarize times."""
     p50, p95 = np.percentile(seconds, (50.0, 95.0)) * 1e3
     return Row(fault, bridge, len(seconds), float(p50), float(p95), max(seconds) * 1e3, repeated=repeated)
+
+
+def read_rows(file: Path) -> list[Row]:
+    """Return what an earlier run wrote; nothing if there was none."""
+    return msgspec.json.decode(file.read_bytes(), type=list[Row]) if file.exists() else []
+
+
+def replaced(rows: Sequence[Row], newer: Sequence[Row]) -> list[Row]:
+    """Return rows with those in their places that were measured again, and the others at the end."""
+    again = {(row.fault, row.bridge): row for row in newer}
+    kept = [again.pop((row.fault, row.bridge), row) for row in rows]
+    return [*kept, *again.values()]
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.faults.runtime SPEC COMMANDS``: drives as ``edge-run`` does, at 50 Hz.
+"""``python -m benchmarks.faults.runtime SPEC COMMANDS REALTIME``: drives as ``edge-run`` does, at 50 Hz.
 
 Prints the guard's process number, and after COMMANDS the monotonic time of each call that sent one.
 """
@@ -10,6 +10,7 @@ import msgspec
 
 from benchmarks.faults.firmware import PERIOD_S
 from edge_runtime.messages import Command
+from edge_runtime.realtime import enter_realtime
 from firmware_bridge.guard_spec import GuardSpec
 from firmware_bridge.guarded_bridge import GuardedBridge
 
@@ -31,6 +32,8 @@ def drive(bridge: GuardedBridge, commands: int) -> list[float]:
 def main() -> None:
     """Drive one robot."""
     spec = msgspec.json.decode(sys.argv[1], type=GuardSpec)
+    if int(sys.argv[3]):
+        enter_realtime()  # As ``edge-run --realtime``: the guard inherits it.
     with GuardedBridge(spec) as bridge:
         print(bridge.guard_pid, flush=True)
         sent = drive(bridge, int(sys.argv[2]))

@@ -65,7 +65,7 @@ FAULTS = (
 )
 
 
-def run_trial(fault: Fault) -> float:
+def run_trial(fault: Fault, realtime: bool = False) -> float:
     """Return the seconds from the fault to the stop.
 
     Raises:
@@ -73,7 +73,7 @@ def run_trial(fault: Fault) -> float:
         BridgeError: if the robot was not stopped, or was commanded to drive after it was.
     """
     with fault.firmware() as firmware:
-        with Drive(firmware) as drive:
+        with Drive(firmware, realtime=realtime) as drive:
             firmware.serve(random.uniform(0.0, PERIOD_S))
             if not firmware.driving():
                 raise DisturbedError(f"the {firmware.name} robot was stopped before the fault")

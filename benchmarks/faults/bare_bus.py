@@ -1,0 +1,54 @@
+"""``python -m benchmarks.faults.bare_bus SPEC COMMANDS REALTIME``: one frame at 50 Hz, without a guard.
+
+Prints the monotonic time of each call that sent it.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import msgspec
+
+from benchmarks.faults.can_firmware import driving_frame
+from benchmarks.faults.firmware import PERIOD_S
+from edge_runtime.realtime import enter_realtime
+from firmware_bridge.can_bus import CanBus
+from firmware_bridge.can_link import CanOptions
+from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.mavlink_codec import Encoder
+from firmware_bridge.mavlink_messages import Target
+from firmware_bridge.mavlink_options import MavlinkOptions
+from firmware_bridge.mavlink_profiles import BODY_NED, VELOCITY_AND_YAW_RATE
+from firmware_bridge.mavlink_transport import open_transport
+
+
+def open_sender(spec: GuardSpec) -> Callable[[], bool]:
+    """Open the bus that a guard would own; returns what puts 0.5 m/s on it."""
+    if spec.link == "can":
+        bus = CanBus(msgspec.json.decode(spec.options, type=CanOptions).bus)
+        bus.open()
+        return lambda: bus.send(driving_frame())
+    options = msgspec.json.decode(spec.options, type=MavlinkOptions)
+    transport = open_transport(options.address)
+    target = Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=(0.5, 0.0))
+    frame = Encoder(options.source_system, (options.system_id, 1)).encode(target, time.monotonic())
+    return lambda: transport.send(frame)
+
+
+def main() -> None:
+    """Send on a grid of deadlines."""
+    send = open_sender(msgspec.json.decode(sys.argv[1], type=GuardSpec))
+    if int(sys.argv[3]):
+        enter_realtime()
+    sent = []
+    due_s = time.monotonic()
+    for _ in range(int(sys.argv[2])):
+        due_s += PERIOD_S
+        time.sleep(max(due_s - time.monotonic(), 0.0))
+        sent.append(time.monotonic())
+        send()
+    print(msgspec.json.encode(sent).decode(), flush=True)
+
+
+if __name__ == "__main__":
+    main()
