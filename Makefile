@@ -8,7 +8,7 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit budgets socketcan peers mutants oldest clean
+.PHONY: run test lint types unit budgets socketcan chromium peers mutants oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -22,11 +22,14 @@ lint: $(DEV)/ready
 types: $(DEV)/ready
 	$(DEV)/bin/mypy
 
-unit: $(DEV)/ready socketcan peers
+unit: $(DEV)/ready socketcan chromium peers
 	$(DEV)/bin/python -m pytest
 
 budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m benchmarks latency --short
+
+chromium:  ## The browser in which reports are tested; its tests skip where it cannot be installed
+	@sh tests/chromium/install.sh
 
 socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
 	@sh tests/socketcan/install.sh

@@ -167,7 +167,8 @@ def thinned(time_s: Floats, values: Floats) -> tuple[Floats, ...]:
         )
     else:
         kept = np.linspace(0, count - 1, 2 * MOST_POINTS).astype(int)
-    return time_s[kept], *values.reshape(count, -1)[kept].T
+    components = values[:, None] if values.ndim == 1 else values
+    return time_s[kept], *components[kept].T
 
 
 def _extreme(values: Floats, stretch: npt.NDArray[np.int64], pick: Callable[[Floats], np.intp]) -> int:

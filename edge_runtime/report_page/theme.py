@@ -110,7 +110,7 @@ def _to_svg(figure: "Figure") -> str:
         svg = svg.replace(shade, f"var(--{name})")
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
-    return re.sub(r"font: ((?:bold )?[\d.]+px) [^;\"]*", r"font: \1 var(--sans)", svg)
+    return re.sub(r"DejaVu Sans|'DejaVu Sans'|&quot;DejaVu Sans&quot;", "var(--sans)", svg)
 
 
 def own_ids(svg: str, prefix: str) -> str:

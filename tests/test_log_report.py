@@ -1,0 +1,102 @@
+"""edge-report on logs of real runs: what they say is on the page, what is wrong with them is said."""
+
+import re
+
+import numpy as np
+import pytest
+from report_files import record
+
+from edge_runtime.log_reader import read_log
+from edge_runtime.log_report.command import main
+from edge_runtime.log_report.digest import STAGES, digest
+from edge_runtime.log_report.team import fences, limits, separation, team_of
+from edge_runtime.log_schema import Tick
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def run(log):
+    return digest(read_log(log), str(log))
+
+
+def test_a_digest_holds_what_the_log_holds(log, run):
+    ticks = [record for record in read_log(log) if isinstance(record, Tick)]
+    assert len(ticks) == len(run.time_s) > 50
+    assert (np.diff(run.time_s) > 0).all()
+    for row in (0, len(ticks) // 2, -1):
+        tick = ticks[row]
+        assert run.motion[0][row].tolist() == [*tick.state.own.position_m, *tick.state.own.velocity_m_s]
+        (mate,) = tick.state.teammates
+        assert run.motion[5][row].tolist() == [*mate.state.position_m, *mate.state.velocity_m_s]
+        assert run.age_s[5][row] == mate.age_s
+        assert run.stage_us[row].tolist() == [getattr(tick.timing, stage) for stage in STAGES]
+        assert [costs[row] for costs in run.costs.values()] == list(tick.action.costs)
+        assert run.misses[row] == tick.inputs.misses
+    assert run.end.stop_reason == "duration"
+    assert list(run.costs) == ["speed_limit", "safety_margin", "geofence"]
+
+
+def test_a_team_is_judged_against_what_was_asked(run):
+    team = team_of([run])
+    assert [track.name for track in team.tracks] == ["robot 0", "robot 5"]
+    one, other = team.tracks
+    expected = np.hypot(*(one.position_m - other.position_m).T)
+    assert separation(one, team) == pytest.approx(expected)
+    assert [(limit.value, limit.name) for limit in limits(team, "speed_limit", "limit_m_s", "m/s")] == [
+        (0.3, "speed limit 0.3 m/s")
+    ]
+    assert [(fence.centre_m, fence.radius_m) for fence in fences(team)] == [((2.0, 2.0), 0.5)]
+    assert one.goal_distance_m[0] == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_page_tells_of_everything(log, tmp_path, capsys):
+    assert main([str(log), "-o", str(tmp_path / "page.html")]) == 0
+    assert "page.html" in capsys.readouterr().out
+    page = (tmp_path / "page.html").read_text()
+    text = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
+    for told in (
+        "Run of 2 robots", "safety margin 0.25 m", "speed limit 0.3 m/s", "geofence", "tolerance 0.1 m",
+        "duration in ms", "observe", "set", "Python 3.", "SHA-256", "duration", "x in m", "time in s",
+    ):  # fmt: skip
+        assert told in text, told
+    assert len(page) < 1_000_000
+
+
+def test_a_log_that_breaks_off_is_drawn_as_far_as_it_goes(log, tmp_path, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    assert main([str(cut), "-o", str(tmp_path / "page.html")]) == 1
+    complaint = capsys.readouterr().err
+    assert re.match(r"edge-report: .*cut\.mcap: .*after tick \d+\n$", complaint)
+    page = (tmp_path / "page.html").read_text()
+    assert "cut.mcap" in page
+    assert "the log breaks off" in page
+
+
+def refused(capsys, *arguments):
+    assert main([str(argument) for argument in arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_what_does_not_hold_together_is_one_line(log, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    (tmp_path / "junk.mcap").write_bytes(b"junk")
+    (tmp_path / "junk.json").write_text('{"verdict": "fine"}')
+    assert "is not an MCAP file" in refused(capsys, tmp_path / "junk.mcap", "-o", page)
+    assert "is no report of this version's edge-sil" in refused(capsys, tmp_path / "junk.json", "-o", page)
+    assert "No such file" in refused(capsys, tmp_path / "none.mcap", "-o", page)
+    assert "cannot be written" in refused(capsys, log, "-o", tmp_path / "no" / "page.html")
+    assert "is one of the logs" in refused(capsys, log, "-o", log)
+    assert "see edge-report --help" in refused(capsys, log)
+
+
+def test_two_runs_of_one_robot_are_no_team(log, tmp_path, capsys):
+    other = record(tmp_path)
+    assert "another run of robot 0" in refused(capsys, log, other, "-o", tmp_path / "page.html")
