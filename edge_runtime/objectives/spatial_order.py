@@ -7,7 +7,10 @@ from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 
 class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
-    """Stand in ``order`` along x, ``gap_m`` apart: J = 1/2 sum (what is missing / position gain)^2.
+    """Stand in ``order`` along x, ``gap_m`` apart: J = sum h(what is missing / position gain).
+
+    h(c) is c^2 / 2 up to ``pull``, and goes on as a straight line: robots that must change places do so
+    in seconds, at a moderate pull, and keep carrying meanwhile.
 
     The sum runs over all known neighbours on the wrong side or too near, not over the next in the order
     alone: the same arrangements cost nothing, a lost message leaves the others' pull, and a robot that
@@ -19,13 +22,17 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
     order: tuple[int, ...]
     """Robot ids from left to right."""
     gap_m: float
+    pull: float = 0.4
+    """Strongest pull on account of one neighbour, in units of the action."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.order) < 2 or len(set(self.order)) < len(self.order):
             raise ValueError(f"`order` must name at least two robots, each once, got {list(self.order)}")
-        if self.gap_m < 0.0:
-            raise ValueError(f"`gap_m` must not be negative, got {self.gap_m}")
+        if self.gap_m < 0.0 or self.pull <= 0.0:
+            raise ValueError(
+                f"`gap_m` must not be negative and `pull` must be positive, got {self.gap_m} and {self.pull}"
+            )
 
     def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
@@ -38,8 +45,9 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
                 side = 1.0 if own > self.order.index(mate.robot_id) else -1.0
                 cure = (self.gap_m - side * (motion.x - mate.x)) / gain
                 if cure > 0.0:
-                    cost += 0.5 * cure * cure
-                    d_x -= side * cure / gain
+                    pull = min(cure, self.pull)
+                    cost += pull * (cure - 0.5 * pull)
+                    d_x -= side * pull / gain
         return Slope(cost, d_x)
 
     def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
@@ -50,6 +58,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
         side = np.where(own.argmax(-1) > mate.argmax(-1), 1.0, -1.0)
         ahead = side * (position_m[:, :1] - outlook.mate_position_m[..., 0])
         cure = np.where(named, np.maximum(self.gap_m - ahead, 0.0), 0.0) / gain
+        pull = np.minimum(cure, self.pull)
         slope = np.zeros_like(position_m)
-        slope[:, 0] = -(side * cure).sum(-1) / gain
-        return SlopeBatch(0.5 * np.square(cure).sum(-1), slope, np.zeros_like(velocity_m_s))
+        slope[:, 0] = -(side * pull).sum(-1) / gain
+        return SlopeBatch((pull * (cure - 0.5 * pull)).sum(-1), slope, np.zeros_like(velocity_m_s))
