@@ -1,0 +1,1 @@
+"""edge-pose: tells robots where they are, from a motion-capture system or a recording."""

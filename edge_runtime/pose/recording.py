@@ -1,0 +1,76 @@
+"""Recorded poses and ranges: JSON lines or CSV, in the order of their times.
+
+One line is one robot's pose, ``{"t": 0.01, "robot": 0, "x": 0.2, "y": -0.1, "heading": 0.0}`` with ``vx`` and
+``vy`` if they are known, or what its sensor read, ``{"t": 0.01, "robot": 0, "ranges": [0.35, 0.2]}``. CSV has
+the poses' names in its first line. SI units, the team's frame.
+"""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from edge_runtime.errors import ConfigError
+
+
+class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One line."""
+
+    t: float
+    """Seconds from the start of the recording."""
+    robot: int
+    x: float | None = None
+    y: float | None = None
+    heading: float = 0.0
+    vx: float | None = None
+    vy: float | None = None
+    ranges: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.x is None or self.y is None) == (self.ranges is None):
+            raise ValueError("a line has either `x` and `y`, or `ranges`")
+        if (self.vx is None) != (self.vy is None):
+            raise ValueError("`vx` and `vy` go together")
+        numbers = (self.t, self.x, self.y, self.heading, self.vx, self.vy, *(self.ranges or ()))
+        if not all(math.isfinite(number) for number in numbers if number is not None):
+            raise ValueError("every number must be finite")
+
+
+def read_recording(path: Path) -> list[Sample]:
+    """Read a recording.
+
+    Raises:
+        ConfigError: names the file, the line and what is wrong there.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    samples: list[Sample] = []
+    number = 1
+    try:
+        for number, row in _rows(content, csv_file=path.suffix == ".csv"):  # noqa: B007  # the error tells it
+            sample = _sample(row)
+            if samples and sample.t < samples[-1].t:
+                raise ValueError(f"t goes back to {sample.t:g}")
+            samples.append(sample)
+    except (ValueError, msgspec.MsgspecError, csv.Error) as error:
+        raise ConfigError(f"{path}: line {number}: {error}") from error
+    if not samples:
+        raise ConfigError(f"{path}: is empty; a line is one robot's pose, or its ranges")
+    return samples
+
+
+def _rows(content: bytes, *, csv_file: bool) -> Iterator[tuple[int, bytes | dict[str, str]]]:
+    if csv_file:
+        yield from enumerate(csv.DictReader(content.decode().splitlines()), 2)
+    else:
+        yield from ((number, line) for number, line in enumerate(content.splitlines(), 1) if line.strip())
+
+
+def _sample(row: bytes | dict[str, str]) -> Sample:
+    if isinstance(row, bytes):
+        return msgspec.json.decode(row, type=Sample)
+    return msgspec.convert({name: text for name, text in row.items() if text != ""}, Sample, strict=False)
