@@ -44,11 +44,12 @@ class Plant:
             self.position_m += self.velocity_m_s * period
 
 
-def contact_forces(position_m: Floats, radius_m: float) -> Floats:
-    """Contact force on each of N discs: (..., N, 2) in m -> (..., N, 2) in N."""
+def contact_forces(position_m: Floats, radius_m: float | Floats) -> Floats:
+    """Contact force on each of N discs: (..., N, 2) in m -> (..., N, 2) in N; radii may differ: (N,)."""
     apart = position_m[..., :, None, :] - position_m[..., None, :, :]
     distance = np.sqrt(np.square(apart).sum(-1))
-    gap = distance - 2.0 * radius_m
+    radii = np.broadcast_to(np.asarray(radius_m, np.float64), position_m.shape[-2:-1])
+    gap = distance - (radii[:, None] + radii[None, :])
     touching = (gap <= 0.0) & (distance >= LEAST_DISTANCE_M)
     penetration = CONTACT_WIDTH_M * np.logaddexp(0.0, np.where(touching, -gap, 0.0) / CONTACT_WIDTH_M)
     size = np.where(touching, STIFFNESS_N_M * penetration / np.maximum(distance, LEAST_DISTANCE_M), 0.0)

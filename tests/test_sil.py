@@ -26,7 +26,7 @@ kind = "reorder"
 at_s = 0.2
 for_s = 1.0
 share = 0.3
-hold_ms = 120
+hold_ms = 150
 [[fault]]
 kind = "corrupt_packets"
 at_s = 1.2
@@ -91,10 +91,23 @@ kind = "log_full"
 at_s = 1.0
 for_s = 1.0
 [[fault]]
+kind = "kill"
+part = "logger"
+robot = 0
+at_s = 3.5
+[[fault]]
 kind = "freeze"
 robot = 2
-at_s = 3.8
+at_s = 4.2
 for_s = 0.5
+"""
+
+
+ORDER = """
+[[fault]]
+kind = "objectives"
+file = "slow.toml"
+at_s = 0.2
 """
 
 
@@ -122,13 +135,14 @@ def await_none(folder, seconds=20.0):
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "lenient.toml").write_text(LENIENT)
+    (tmp_path / "slow.toml").write_text('[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.15\n')
     (tmp_path / "tmp").mkdir()
     return tmp_path
 
 
 def run(folder, *flags, faults=""):
     (folder / "faults.toml").write_text(faults)
-    flags = [*flags, "--rate", "20", "--limits", folder / "lenient.toml", "--json", folder / "run.json"]
+    flags = [*flags, "--rate", "10", "--limits", folder / "lenient.toml", "--json", folder / "run.json"]
     if faults:
         flags += ["--faults", folder / "faults.toml"]
     environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
@@ -177,11 +191,14 @@ def test_a_team_on_mavlink_through_faults_of_pose_and_air(folder):
     frozen = report["robots"][2]
     assert frozen["exempt"] and "no fresh command" in frozen["stop_reason"]
     done_s = {fault["kind"]: fault["done_s"] for fault in report["faults"]}
-    assert 1.0 <= done_s["log_full"] < 2.0 and 3.8 <= done_s["freeze"] < 4.8
+    assert 1.0 <= done_s["log_full"] < 2.0 and 4.2 <= done_s["freeze"] < 5.0
     assert done_s["blackout"] is None
+    assert {start for start, _ in report["robots"][0]["log_gaps_s"]} & {0.0} == set()
+    assert report["robots"][0]["log_gaps_s"][-1][1] == 5.0  # its logger was killed, the robot drove on
+    assert report["robots"][1]["log_gaps_s"] == [] or report["robots"][1]["log_gaps_s"][-1][1] < 5.0
 
 
-def test_a_users_fleet_is_moved_to_this_machine(folder):
+def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
     key = folder / "team.key"
     key.touch(mode=0o600)
     key.write_text("ab" * 32)
@@ -201,9 +218,12 @@ def test_a_users_fleet_is_moved_to_this_machine(folder):
         goal_m = [0.6, 0.3]
         address = "10.9.8.8:47000"
     """)
-    done, report = run(folder, "--fleet", folder / "team.toml", "--duration", "1")
+    done, report = run(folder, "--fleet", folder / "team.toml", "--duration", "4", faults=ORDER)
     assert done.returncode == 0, done.stderr
     assert [robot["robot_id"] for robot in report["robots"]] == [3, 8]
+    [(first_s, first)], [(second_s, second)] = (robot["objective_changes_s"] for robot in report["robots"])
+    assert first == second == 1
+    assert abs(first_s - second_s) < 0.2  # the grids of two robots are up to a period apart
     key.chmod(0o644)
     done, _ = run(folder, "--fleet", folder / "team.toml", "--duration", "1")
     assert done.returncode == 2 and "chmod 600" in done.stderr
@@ -257,5 +277,5 @@ def test_a_fleet_that_contradicts_the_flags_starts_nothing(tmp_path, capsys):
 
 
 def test_every_fault_is_seen_by_a_test():
-    tried = BUS_FAULTS + AIR_FAULTS + "clock_jump"  # the clock jumps in test_sil_clock.py
+    tried = BUS_FAULTS + AIR_FAULTS + ORDER + "clock_jump"  # the clock jumps in test_sil_clock.py
     assert [kind.__struct_config__.tag for kind in KINDS if kind.__struct_config__.tag not in tried] == []

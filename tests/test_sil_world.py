@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from firmware_bridge.base_kinematics import Base, Motion, motion_for
 from firmware_bridge.can_feedback import DeadReckoning, Pose
+from firmware_bridge.plant import Plant, contact_forces
 from firmware_bridge.sil.layout import places
 from firmware_bridge.sil.truth import Truth
 from firmware_bridge.sil.world import World
@@ -21,7 +22,7 @@ MARGIN = 2 * MANIFEST.body.radius_m
 
 
 def make(*starts, headings=None):
-    return World(MANIFEST, starts, headings or [0.0] * len(starts), AHEAD_M, PERIOD_S)
+    return World([MANIFEST] * len(starts), starts, headings or [0.0] * len(starts), AHEAD_M, PERIOD_S)
 
 
 @settings(deadline=None, max_examples=30)
@@ -35,7 +36,7 @@ def test_the_disc_takes_the_velocity_that_the_base_was_told(heading, wanted):
     for _ in range(300):
         motion = motion_for(wanted, world.pose(0).heading_rad, BASE)
         world.step([(motion.forward_m_s, motion.yaw_rad_s)])
-    np.testing.assert_allclose(world.plant.velocity_m_s[0], wanted, atol=1e-3)
+    np.testing.assert_allclose(world.velocity_m_s[0], wanted, atol=1e-3)
 
 
 def test_no_command_accelerates_beyond_the_manifests_limits():
@@ -44,9 +45,24 @@ def test_no_command_accelerates_beyond_the_manifests_limits():
     before = np.zeros(2)
     for step in range(50):
         world.step([(100.0 * (-1) ** (step // 10), 30.0)])
-        after = world.plant.velocity_m_s[0].copy()
-        assert np.abs(after - world.plant.dynamics.preview(1).velocity_decay * before).max() <= most * 1.001
+        after = world.velocity_m_s[0].copy()
+        assert np.abs(after - (1 - MANIFEST.dynamics.at_period(PERIOD_S).drag) * before).max() <= most * 1.001
         before = after
+
+
+def test_contacts_are_the_plants():
+    """`Plant` is held to VMAS step by step in test_plant.py; full speed ahead saturates the force."""
+    starts = [(-0.12, 0.0), (0.12, 0.0)]
+    world = make(*starts, headings=[0.0, math.pi])
+    plant = Plant(MANIFEST.dynamics.at_period(PERIOD_S), MANIFEST.body.radius_m, starts)
+    x, _ = MANIFEST.action
+    touched = 0
+    for _ in range(100):
+        world.step([(100.0, 0.0), (100.0, 0.0)])
+        plant.step([(x.high, 0.0), (x.low, 0.0)])
+        touched += bool(contact_forces(plant.position_m, MANIFEST.body.radius_m).any())
+        np.testing.assert_allclose(world.position_m, plant.position_m, atol=1e-5)
+    assert touched > 20
 
 
 def test_odometry_leads_back_to_the_truth():
@@ -62,8 +78,8 @@ def test_odometry_leads_back_to_the_truth():
         world.step([motion])
         pose = world.pose(0)
         state = reckoned.advance(Motion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
-    assert math.dist(state.position_m, world.plant.position_m[0]) < 0.02
-    assert math.dist(state.velocity_m_s, world.plant.velocity_m_s[0]) < 0.01
+    assert math.dist(state.position_m, world.position_m[0]) < 0.02
+    assert math.dist(state.velocity_m_s, world.velocity_m_s[0]) < 0.01
 
 
 def test_collisions_count_once_when_they_begin():
@@ -83,11 +99,11 @@ def test_objectives_are_judged_by_the_truth():
     asked = (SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.25))
     world = make((0.0, 0.0), (0.0, 1.0))
     truth = Truth(world, [(0.0, 0.0)] * 2, asked, PERIOD_S)
-    world.plant.velocity_m_s[0] = 0.0, 0.3
+    world.velocity_m_s[0] = 0.0, 0.3
     truth.follow()
-    world.plant.velocity_m_s[:] = 0.0
+    world.velocity_m_s[:] = 0.0
     truth.follow()
-    world.plant.position_m[1] = 0.0, 0.24
+    world.position_m[1] = 0.0, 0.24
     truth.follow()
     assert [one.violated_s for one in truth.deeds()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
     assert truth.deeds()[0].greatest_speed_m_s == pytest.approx(0.3)

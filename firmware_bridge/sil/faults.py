@@ -7,6 +7,7 @@ from typing import Final, Literal, TypeAlias, cast, get_args
 
 import msgspec
 
+from edge_runtime.config import load_steering
 from edge_runtime.toml_file import Table, read_toml, refuse, to_record
 
 
@@ -57,12 +58,12 @@ class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
     """SIGKILL of one of a robot's processes."""
 
     robot: int
-    part: Literal["runtime", "guard"] = "runtime"
+    part: Literal["runtime", "guard", "logger"] = "runtime"
 
     @property
     def hits(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
+        """The robot; a run goes on without its logger."""
+        return () if self.part == "logger" else (self.robot,)
 
     @property
     def names(self) -> tuple[int, ...]:
@@ -199,6 +200,13 @@ class Hostile(Lasting, frozen=True, kw_only=True, tag="hostile"):
     frames: int
 
 
+class Objectives(Fault, frozen=True, kw_only=True, tag="objectives"):
+    """No fault, but an operator: ``edge-ctl objectives FILE`` while the team drives."""
+
+    file: str
+    """Relative to the timeline."""
+
+
 AnyFault: TypeAlias = (
     Kill
     | Freeze
@@ -215,6 +223,7 @@ AnyFault: TypeAlias = (
     | CorruptFrames
     | LogFull
     | Hostile
+    | Objectives
 )
 KINDS: Final[tuple[type[Fault], ...]] = get_args(AnyFault)
 
@@ -242,6 +251,9 @@ def load_faults(path: Path, robots: Sequence[int], duration_s: float, bridge: st
                 refuse(path, key, f"no robot has id {robot_id}; known: {known}")
         if isinstance(fault, NanPose) and bridge == "can":
             refuse(path, f"{key}.kind", "CAN frames are integers and carry no NaN; use --bridge mavlink")
+        if isinstance(fault, Objectives):
+            load_steering(path.parent / fault.file)
+            fault = msgspec.structs.replace(fault, file=str((path.parent / fault.file).resolve()))
         faults.append(fault)
     return tuple(sorted(faults, key=lambda fault: fault.at_s))
 

@@ -15,7 +15,6 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.bundle import load_bundle, packaged_bundle
 from edge_runtime.config import load_fleet
 from edge_runtime.realtime import enter_realtime, freeze_garbage
 from edge_runtime.signals import StopSignals
@@ -23,7 +22,7 @@ from firmware_bridge.sil.can_node import CanNode
 from firmware_bridge.sil.faults import AnyFault, CorruptFrames, NanPose, StalePose
 from firmware_bridge.sil.mavlink_node import MavlinkNode
 from firmware_bridge.sil.node import FirmwareNode, NodeRecord
-from firmware_bridge.sil.scenario import BridgeKind, Station
+from firmware_bridge.sil.scenario import BridgeKind, Station, robot_bundle
 from firmware_bridge.sil.truth import Deeds, Truth
 from firmware_bridge.sil.world import World
 
@@ -71,11 +70,11 @@ class Field:
 
     def __init__(self, spec: FieldSpec) -> None:
         fleet = load_fleet(Path(spec.stations[0].fleet_file))
-        name = spec.policy or fleet.team.policy
-        bundle = load_bundle(Path(name)) if spec.policy or "/" in name else packaged_bundle(name)
+        robots = [fleet.robot(station.robot_id) for station in spec.stations]
+        manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
         starts = [station.start_m for station in spec.stations]
         headings = [station.heading_rad for station in spec.stations]
-        self._world = World(bundle.manifest, starts, headings, spec.ahead_m, STEP_S)
+        self._world = World(manifests, starts, headings, spec.ahead_m, STEP_S)
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(self._world, goals, fleet.steering.objectives, STEP_S)
         self._nodes = [make_node(spec.bridge, station) for station in spec.stations]

@@ -68,7 +68,7 @@ class Harness:
         start = self._await_start(field)
         for helper in helpers:
             helper.tell(msgspec.json.encode(start).decode())
-        injector = Injector(self._scenario.faults, self._crew)
+        injector = Injector(self._scenario.faults, self._crew, self._scenario.stations[0].fleet_file)
         try:
             self._follow(start.t0_s, injector)
         finally:
@@ -210,4 +210,4 @@ class Harness:
 
 def _is_done(child: Child, code: int) -> bool:
     """Whether a helper ended because its part was over."""
-    return code == 0 and child.name.startswith(("hog_", "hostile_"))
+    return code == 0 and child.name.startswith(("hog_", "hostile_", "operator_"))

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.sil.faults import AnyFault, ClockJump, Freeze, Kill, LogFull
+from firmware_bridge.sil.faults import AnyFault, ClockJump, Freeze, Kill, LogFull, Objectives
 from firmware_bridge.sil.processes import Crew
 
 Deed = Callable[[], None]
@@ -20,10 +20,11 @@ class Injector:
     Args:
         faults: the timeline.
         crew: whose processes are meant; a robot's runtime is the child ``robot_K``.
+        fleet_file: the team's, for its operator.
     """
 
-    def __init__(self, faults: tuple[AnyFault, ...], crew: Crew) -> None:
-        self._crew = crew
+    def __init__(self, faults: tuple[AnyFault, ...], crew: Crew, fleet_file: str) -> None:
+        self._crew, self._fleet_file = crew, fleet_file
         self._clock_ahead_s = 0.0
         self.done_s: dict[int, float] = {}
         """When each fault, by its place in the timeline, was done, in the run's time."""
@@ -60,6 +61,8 @@ class Injector:
                 self._add(fault.end_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGCONT))
             case ClockJump():
                 self._add(fault.at_s, index, lambda: self._jump(fault.by_s))
+            case Objectives():
+                self._add(fault.at_s, index, lambda: self._order(index, fault.file))
             case LogFull():
                 self._add(fault.at_s, index, lambda: self._limit_files(0))
                 self._add(fault.end_s, index, lambda: self._limit_files(resource.RLIM_INFINITY))
@@ -69,17 +72,21 @@ class Injector:
 
     def _signal(self, robot: int, part: str, number: signal.Signals) -> None:
         child = self._crew.children[f"robot_{robot}"]
-        if number != signal.SIGCONT:
+        if number != signal.SIGCONT and part != "logger":
             child.expected_end = True
-        pid = child.popen.pid if part == "runtime" else self._guard(child.name)
+        pid = child.popen.pid if part == "runtime" else self._part(child.name, part)
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
 
-    def _guard(self, name: str) -> int:
-        guards = self._crew.notice_grandchildren()
-        if f"{name}/guard" not in guards:
-            raise BridgeError(f"{name} has no guard to break")
-        return guards[f"{name}/guard"]
+    def _part(self, name: str, part: str) -> int:
+        parts = self._crew.notice_grandchildren()
+        if f"{name}/{part}" not in parts:
+            raise BridgeError(f"{name} has no {part} to break")
+        return parts[f"{name}/{part}"]
+
+    def _order(self, index: int, file: str) -> None:
+        arguments = ("objectives", file, "--fleet", self._fleet_file)
+        self._crew.start(f"operator_{index}", "edge_runtime.ctl", arguments)
 
     def _jump(self, seconds: float) -> None:
         if seconds:

@@ -84,6 +84,12 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         stopped_ticks=runtime.faults if runtime else {},
         refused_messages=fleet.refused if fleet else {},
         accepted_messages=fleet.accepted if fleet else 0,
+        sent_messages=fleet.sent if fleet else 0,
+        log_gaps_s=tuple(
+            (begin_s - recording.t0_s, end_s - recording.t0_s)
+            for begin_s, end_s in log.gaps_s(recording.t0_s, recording.end_s, 3.0 * period_s)
+        ),
+        objective_changes_s=tuple((at_s - recording.t0_s, version) for at_s, version in log.changes_s()),
         halts_s=halts(np.array(node.command_s), speed, period_s, recording.t0_s, recording.end_s),
         goal_distance_m=deeds.goal_distance_m,
         least_distance_m=deeds.least_distance_m,

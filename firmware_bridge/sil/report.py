@@ -55,8 +55,13 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     refused_messages: dict[str, int]
     """Fleet messages that the runtime dropped, by reason."""
     accepted_messages: int
+    sent_messages: int
     halts_s: tuple[tuple[float, float], ...]
     """(from, to) of each time that the firmware was told to rest or told nothing, in the run's time."""
+    log_gaps_s: tuple[tuple[float, float], ...]
+    """(from, to) of each time of over three periods that its log does not tell of, in the run's time."""
+    objective_changes_s: tuple[tuple[float, int], ...]
+    """(time, version) of each first decision under other objectives, in the run's time."""
     goal_distance_m: float
     least_distance_m: float | None
     greatest_speed_m_s: float

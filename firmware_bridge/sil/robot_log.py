@@ -21,6 +21,8 @@ class RobotLog(NamedTuple):
     """Ages of the teammates' states that a decision rested on, decision by decision."""
     used_at_s: Floats
     """When; as long as ``used_ages_s``."""
+    versions: Floats
+    """Of the objectives that each decision followed."""
     fresh: Floats
     """1 where the decision was the first on that message, 0 where it was used before."""
 
@@ -32,13 +34,25 @@ class RobotLog(NamedTuple):
         """Return the ages of all states used, within a time."""
         return self.used_ages_s[self._within(begin_s, end_s)]
 
+    def changes_s(self) -> tuple[tuple[float, int], ...]:
+        """Return (time, version) of each first decision under other objectives."""
+        changed = np.flatnonzero(np.diff(self.versions)) + 1
+        return tuple((float(self.decided_s[tick]), int(self.versions[tick])) for tick in changed)
+
+    def gaps_s(self, begin_s: float, end_s: float, longest_s: float) -> tuple[tuple[float, float], ...]:
+        """Return (from, to) of each time within which the log lacks decisions for over ``longest_s``."""
+        inside = self.decided_s[(self.decided_s >= begin_s) & (self.decided_s < end_s)]
+        edges = np.concatenate([[begin_s], inside, [end_s]])
+        long = np.flatnonzero(np.diff(edges) > longest_s)
+        return tuple((float(edges[i]), float(edges[i + 1])) for i in long)
+
     def _within(self, begin_s: float, end_s: float) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
         return (self.used_at_s >= begin_s) & (self.used_at_s < end_s)
 
 
 def read_robot_log(folder: Path) -> RobotLog:
     """Return what the log in a folder holds, up to its damage if it has any."""
-    decided, pose, ages, at, fresh = (array("d") for _ in range(5))
+    decided, pose, ages, at, versions, fresh = (array("d") for _ in range(6))
     newest: dict[int, float] = {}
     for path in sorted(folder.glob("*.mcap")):
         for tick in read_log(path):
@@ -46,9 +60,10 @@ def read_robot_log(folder: Path) -> RobotLog:
                 continue
             decided.append(tick.command.stamp_s)
             pose.append(tick.state.own.stamp_s)
+            versions.append(tick.inputs.objectives_version)
             for mate in tick.state.teammates:
                 ages.append(mate.age_s)
                 at.append(tick.command.stamp_s)
                 fresh.append(newest.get(mate.state.robot_id) != mate.state.stamp_s)
                 newest[mate.state.robot_id] = mate.state.stamp_s
-    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, fresh)))
+    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, versions, fresh)))

@@ -12,7 +12,9 @@ import msgspec
 from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import Fleet, load_fleet
 from edge_runtime.errors import ConfigError
+from edge_runtime.fleet_settings import Robot
 from edge_runtime.messages import Vector2
+from edge_runtime.mission import adapted
 from edge_runtime.realtime import PRIORITY
 from edge_runtime.toml_file import Table, read_toml, refuse
 from firmware_bridge.can_profile import load_profile, profile_path
@@ -111,7 +113,7 @@ def prepare(request: Request, folder: Path) -> Scenario:
     relays = dict(zip(robots, ports[2 * len(robots) :], strict=False)) if network else {}
     files = write_fleets(table, robots, own, relays, folder)
     fleet = load_fleet(files[robots[0]])
-    bundle = load_bundle(request.policy) if request.policy else _fleet_bundle(fleet)
+    bundle = robot_bundle(fleet, fleet.robots[0], str(request.policy or ""))
     stations = tuple(
         _station(fleet, robot_id, files[robot_id], _wire(request.bridge, wires[robot_id]), own[robot_id])
         for robot_id in robots
@@ -131,6 +133,10 @@ def _team_table(request: Request, folder: Path) -> Table:
     robots = [robot["id"] for robot in table["robots"]]
     if request.robots not in (None, len(robots)):
         refuse(path, "robots", f"{len(robots)}, but --robots asks for {request.robots}")
+    for index, robot in enumerate(table["robots"]):
+        for key in ("pose", "ranges"):
+            if key in robot:
+                refuse(path, f"robots[{index}].{key}", "edge-sil has no streams to offer; leave it out here")
     return resolved(table, path.resolve().parent)
 
 
@@ -169,6 +175,13 @@ def _station(fleet: Fleet, robot_id: int, file: Path, wire: str, port: int) -> S
     return Station(robot_id, str(file), wire, port, robot.start_m, robot.goal_m, heading)
 
 
-def _fleet_bundle(fleet: Fleet) -> Bundle:
-    name = fleet.team.policy
-    return load_bundle(Path(name)) if "/" in name else packaged_bundle(name)
+def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:
+    """Return what one robot runs: ``policy`` where it is not empty, with the robot's own dynamics.
+
+    Raises:
+        BundleError: if there is no such bundle, or it is damaged.
+    """
+    name = robot.policy or fleet.team.policy
+    if policy or "/" in name:
+        return adapted(load_bundle(Path(policy or name)), robot)
+    return adapted(packaged_bundle(name), robot)

@@ -58,12 +58,20 @@ def resolved(table: Table, folder: Path) -> Table:
     """Return the fleet whose paths, relative to ``folder`` so far, mean the same from anywhere."""
     moved = dict(table)
     if "carrier" in table:
-        key = Path(table["carrier"]["key"]).expanduser()
-        moved["carrier"] = {**table["carrier"], "key": str(folder / key)}
-    policy = table.get("team", {}).get("policy", "")
-    if "/" in policy:
-        moved["team"] = {**table["team"], "policy": str(folder / policy)}
+        carrier = dict(table["carrier"])
+        for name in ("key", "operator_key"):
+            if name in carrier:
+                carrier[name] = str(folder / Path(carrier[name]).expanduser())
+        moved["carrier"] = carrier
+    if "team" in table:
+        moved["team"] = _with_policy(table["team"], folder)
+    moved["robots"] = [_with_policy(robot, folder) for robot in table["robots"]]
     return moved
+
+
+def _with_policy(table: Table, folder: Path) -> Table:
+    policy = table.get("policy", "")
+    return {**table, "policy": str(folder / policy)} if "/" in policy else table
 
 
 def write_fleets(

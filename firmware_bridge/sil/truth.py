@@ -53,7 +53,8 @@ class Truth:
     def follow(self) -> None:
         """Take the step just done into account."""
         distances, speeds = self._world.distances_m(), self._world.speeds_m_s()
-        touching = distances <= 2.0 * self._world.plant.radius_m
+        radius_m = self._world.radius_m
+        touching = distances <= radius_m[:, None] + radius_m[None, :]
         self._collisions += (touching & ~self._touching).sum(1)
         self._touching = touching
         nearest = distances.min(1)
@@ -63,7 +64,7 @@ class Truth:
 
     def deeds(self) -> tuple[Deeds, ...]:
         """Sum up, in the world's order."""
-        offset = self._world.plant.position_m - self._goals_m
+        offset = self._world.position_m - self._goals_m
         return tuple(
             Deeds(
                 float(math.hypot(*offset[robot])),

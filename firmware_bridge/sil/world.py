@@ -15,7 +15,7 @@ from edge_runtime.manifest import Manifest
 from edge_runtime.messages import Vector2
 from edge_runtime.scene import Floats
 from firmware_bridge.frames import rotate, wrap
-from firmware_bridge.plant import Plant
+from firmware_bridge.plant import contact_forces
 
 
 class Pose(NamedTuple):
@@ -32,7 +32,7 @@ class World:
     """N robots on differential bases, at rest.
 
     Args:
-        manifest: dynamics, body and action limits of every robot.
+        manifests: dynamics, body and action limits of each robot.
         starts_m: where the discs are.
         headings_rad: where the bases look.
         ahead_m: distance from the axle to the disc's centre; positive.
@@ -41,35 +41,43 @@ class World:
 
     def __init__(
         self,
-        manifest: Manifest,
+        manifests: Sequence[Manifest],
         starts_m: Sequence[Vector2],
         headings_rad: Sequence[float],
         ahead_m: float,
         period_s: float,
     ) -> None:
-        self.plant = Plant(manifest.dynamics.at_period(period_s), manifest.body.radius_m, starts_m)
+        self.position_m: Floats = np.array(starts_m, np.float64)
+        self.velocity_m_s: Floats = np.zeros_like(self.position_m)
+        self.radius_m: Floats = np.array([manifest.body.radius_m for manifest in manifests])
         self._headings = list(headings_rad)
         self._ahead_m, self._period_s = ahead_m, period_s
-        x, y = manifest.action
-        self._low, self._high = np.array([x.low, y.low]), np.array([x.high, y.high])
-        preview = self.plant.dynamics.preview(1)
-        self._keep, self._gain = preview.velocity_decay, preview.velocity_gain
+        self._low = np.array([[field.low for field in manifest.action] for manifest in manifests])
+        self._high = np.array([[field.high for field in manifest.action] for manifest in manifests])
+        dynamics = [manifest.dynamics.at_period(period_s) for manifest in manifests]
+        self._keep = np.array([[1.0 - one.drag] for one in dynamics])
+        self._mass_kg = np.array([[one.mass_kg] for one in dynamics])
+        self._substeps = max(one.substeps for one in dynamics)
 
     def step(self, motions: Sequence[Vector2]) -> None:
-        """Advance one period while each robot follows (forward m/s, yaw rad/s)."""
-        pairs = zip(motions, self._headings, strict=True)
-        wanted = np.array(
-            [rotate((forward, self._ahead_m * yaw), heading) for (forward, yaw), heading in pairs]
-        )
-        force = (wanted - self._keep * self.plant.velocity_m_s) / self._gain
-        self.plant.step(np.clip(force, self._low, self._high))
+        """Advance one period while each robot follows (forward m/s, yaw rad/s); the model of `Plant`."""
+        ahead_m, pairs = self._ahead_m, zip(motions, self._headings, strict=True)
+        wanted = np.array([rotate((forward, ahead_m * yaw), heading) for (forward, yaw), heading in pairs])
+        self.velocity_m_s *= self._keep
+        needed = (wanted - self.velocity_m_s) * self._mass_kg / self._period_s
+        force = np.clip(needed, self._low, self._high)
+        substep_s = self._period_s / self._substeps
+        for _ in range(self._substeps):
+            push = contact_forces(self.position_m, self.radius_m)
+            self.velocity_m_s += (force + push) / self._mass_kg * substep_s
+            self.position_m += self.velocity_m_s * substep_s
         for robot in range(len(self._headings)):
             self._headings[robot] = wrap(self._headings[robot] + self._period_s * self.pose(robot).yaw_rad_s)
 
     def pose(self, robot: int) -> Pose:
         """Return what the firmware of the robot at this place in the order measures."""
-        x, y = self.plant.position_m[robot].tolist()
-        v_x, v_y = self.plant.velocity_m_s[robot].tolist()
+        x, y = self.position_m[robot].tolist()
+        v_x, v_y = self.velocity_m_s[robot].tolist()
         heading = self._headings[robot]
         back_x, back_y = rotate((self._ahead_m, 0.0), heading)
         forward, left = rotate((v_x, v_y), -heading)
@@ -77,11 +85,11 @@ class World:
 
     def speeds_m_s(self) -> Floats:
         """Return the discs' speeds (N,)."""
-        return np.hypot(self.plant.velocity_m_s[:, 0], self.plant.velocity_m_s[:, 1])
+        return np.hypot(self.velocity_m_s[:, 0], self.velocity_m_s[:, 1])
 
     def distances_m(self) -> Floats:
         """Return the distances between the discs' centres (N, N), infinite from each to itself."""
-        apart = self.plant.position_m[:, None] - self.plant.position_m[None]
+        apart = self.position_m[:, None] - self.position_m[None]
         distances: Floats = np.hypot(apart[..., 0], apart[..., 1])
         np.fill_diagonal(distances, math.inf)
         return distances
