@@ -5,8 +5,8 @@ uniformly in training and equal in validation. Every robot observes it and is re
 
     r = w_0 r_task / r_step - sum_m w_m x_m,
 
-with ``r_step`` the task's reward for a step of good work and x_m the bounded violations of
-``export.scenarios.violations``: at equal weights the grossest violation costs what such a step earns.
+with ``r_step`` the task's ``NOMINAL_STEP`` and x_m the bounded violations of
+``export.scenarios.violations``: at equal weights the grossest violation costs what ``r_step`` earns.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ class Preferred:
     Args:
         scenario: the task underneath.
         objectives: M execution objectives.
-        nominal_step: the task's reward of a robot in one step of good work.
+        nominal_step: the task's reward of a robot that weighs like the grossest violation.
         seed: of the preferences.
         training: draw preferences; else all weights are equal.
     """
