@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.bounds import GREATEST, check_bounds
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.guide import GuidanceSettings
@@ -14,6 +15,8 @@ from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.toml_file import Table, parse_toml, read_toml, refuse, to_record
 
+OLDEST_STATE_S: Final = 0.1
+"""No action ever rests on an own state that is older."""
 DEFAULT_FLEET: Final = Path(__file__).parent / "fleets" / "navigation.toml"
 
 
@@ -33,18 +36,14 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Control rate; the policy's own where None."""
     goal_tolerance_m: float = 0.1
     max_state_age_s: float = 0.1
-    """An own state older than this stops the robot."""
+    """An own state older than this stops the robot; may be made stricter, never laxer."""
     slew_per_s: float | None = None
     """Greatest change of each action component in a second; unlimited where None."""
 
     def __post_init__(self) -> None:
-        for field in ("goal_tolerance_m", "max_state_age_s", "slew_per_s"):
-            value = getattr(self, field)
-            if value is not None and value <= 0.0:
-                raise ValueError(f"`{field}` must be above 0, got {value}")
-        low, high = RATE_HZ
-        if self.rate_hz is not None and not low <= self.rate_hz <= high:
-            raise ValueError(f"`rate_hz` must lie in [{low:g}, {high:g}], got {self.rate_hz:g}")
+        positive = (1.0 / GREATEST, GREATEST)
+        check_bounds(self, {"goal_tolerance_m": positive, "slew_per_s": positive, "rate_hz": RATE_HZ})
+        check_bounds(self, {"max_state_age_s": (1e-3, OLDEST_STATE_S)})
 
 
 class Fleet(msgspec.Struct, frozen=True):

@@ -1,20 +1,18 @@
 """What a fleet file says about its robots and their network, and whether it holds together."""
 
 import ipaddress
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import msgspec
 
+from edge_runtime.bounds import GREATEST, check_bounds
 from edge_runtime.messages import Vector2
 from edge_runtime.toml_file import refuse
 
 Endpoint = tuple[str, int]
 """IP address and port."""
-FARTHEST_M: Final = 1e6
-"""Starts and goals lie within this distance of the team's origin."""
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -52,10 +50,9 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             endpoint(self.address)
         for field in ("pose_place", "ranges_place"):
             getattr(self, field)
-        for field in ("start_m", "goal_m"):
-            if math.hypot(*getattr(self, field)) > FARTHEST_M:
-                raise ValueError(f"`{field}` must lie within {FARTHEST_M:g} m of the origin")
-        check_bounds(self, {"mass_kg": (1e-6, 1e6), "slew_per_s": (1e-6, 1e6), "max_speed_m_s": (1e-6, 1e3)})
+        check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
+        positive = (1.0 / GREATEST, GREATEST)
+        check_bounds(self, dict.fromkeys(("mass_kg", "slew_per_s", "max_speed_m_s"), positive))
         if self.drag is not None and not 0.0 <= self.drag < 1.0:
             raise ValueError(f"`drag` must lie in [0, 1), got {self.drag:g}")
         if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):
@@ -101,18 +98,6 @@ class WatchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         endpoint(self.address)
-
-
-def check_bounds(record: msgspec.Struct, bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Check that numbers lie within bounds; None passes.
-
-    Raises:
-        ValueError: names the field and its bounds.
-    """
-    for field, (low, high) in bounds.items():
-        value = getattr(record, field)
-        if value is not None and not low <= value <= high:
-            raise ValueError(f"`{field}` must lie in [{low:g}, {high:g}], got {value:g}")
 
 
 def _source(address: str, field: str, word: str) -> Endpoint:

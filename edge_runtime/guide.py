@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+from edge_runtime.bounds import GREATEST, check_bounds
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.kernel import MAX_TERMS, encodable
 from edge_runtime.objectives import Objective
@@ -19,7 +20,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """How strongly objectives steer, and how their conflicts are resolved.
 
     Raises:
-        ValueError: if the scale or the start noise is negative or not finite.
+        ValueError: if the scale or the start noise is negative, not finite or absurdly large.
     """
 
     mode: Mode = "terminal"
@@ -33,6 +34,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             value = getattr(self, field)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"`{field}` must be finite and not negative, got {value}")
+        check_bounds(self, {"scale": (0.0, GREATEST), "start_noise": (0.0, GREATEST)})
 
 
 class Guide:

@@ -106,8 +106,40 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
         ),
         (ROBOTS + "[team]\nrate_hz = 'fast'", "team.rate_hz: Expected `float | null`, got `str`"),
         (ROBOTS + "[team]\nrate_hz = 0", "team: `rate_hz` must lie in [1, 1000], got 0"),
-        (ROBOTS + "[team]\ngoal_tolerance_m = 0", "team: `goal_tolerance_m` must be above 0, got 0.0"),
+        (
+            ROBOTS + "[team]\ngoal_tolerance_m = 0",
+            "team: `goal_tolerance_m` must lie in [1e-06, 1e+06], got 0",
+        ),
         (ROBOTS + "[team]\nmax_state_age_s = nan", "team.max_state_age_s: must be a finite number, got nan"),
+        (ROBOTS.replace("0.5", "1e39"), "robots[0]: `goal_m` must lie in [-1e+06, 1e+06], got 1e+39"),
+        (
+            ROBOTS + "[team]\nmax_state_age_s = 0.2",
+            "team: `max_state_age_s` must lie in [0.001, 0.1], got 0.2",
+        ),
+        (ROBOTS + "[team]\nslew_per_s = 1e300", "team: `slew_per_s` must lie in [1e-06, 1e+06], got 1e+300"),
+        (
+            ROBOTS + "[guidance]\nstart_noise = 1e300",
+            "guidance: `start_noise` must lie in [0, 1e+06], got 1e+300",
+        ),
+        (ROBOTS + "drag = 1.0", "robots[0]: `drag` must lie in [0, 1), got 1"),
+        (ROBOTS + "mass_kg = 0", "robots[0]: `mass_kg` must lie in [1e-06, 1e+06], got 0"),
+        (
+            ROBOTS + "pose = 'lidar'",
+            "robots[0]: `pose` must be \"bridge\" or a stream's address, such as 10.0.0.5:47100, got 'lidar'",
+        ),
+        (
+            ROBOTS + "ranges = '1.2.3.4'",
+            'robots[0]: `ranges` must be "teammates" or a stream\'s address, such as '
+            "10.0.0.5:47100, got '1.2.3.4'",
+        ),
+        (
+            ROBOTS + "pose = '1.2.3.4:5'",
+            'robots[0].pose: means nothing without [carrier]; add [carrier] key = "team.key"',
+        ),
+        (
+            ROBOTS + "policy = './x'",
+            'robots[0].policy: means nothing without [carrier]; add [carrier] key = "team.key"',
+        ),
         (ROBOTS + "[[team]]", "team: Expected `table`, got `array`"),
         (
             ROBOTS + '[watch]\naddress = "127.0.0.1:47900"',
@@ -243,6 +275,10 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
         ("[[robots]]\nid = 3", "robots: unknown key; allowed: objectives, guidance"),
         ("a = [", "is not TOML ("),
         ("a = 1\na = 2", "is not TOML ("),
+        (
+            '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 1\nweight = 1e308',
+            "objectives[0]: `weight` must lie in [-1e+06, 1e+06], got 1e+308",
+        ),
     ],
 )
 def test_objectives_that_do_not_hold_together(write, text, expected):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from edge_runtime.bounds import GREATEST, check_bounds
 from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 LONGEST_LOOK_AHEAD = 1000
@@ -40,7 +41,8 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Base of every execution objective.
 
     Raises:
-        ValueError: if a number is not finite, the weight is negative, or ``look_ahead`` is out of range.
+        ValueError: if a number is not finite or absurdly large, the weight is negative, or ``look_ahead``
+            is out of range.
     """
 
     weight: float = 1.0
@@ -53,6 +55,8 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             value = getattr(self, field)
             if isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"`{field}` must be finite, got {value}")
+            if isinstance(value, float | tuple):
+                check_bounds(self, {field: (-GREATEST, GREATEST)})
         if self.weight < 0.0:
             raise ValueError(f"`weight` must not be negative, got {self.weight}")
         if not 1 <= self.look_ahead <= LONGEST_LOOK_AHEAD:
