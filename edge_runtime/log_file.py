@@ -53,7 +53,7 @@ class LogFile:
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         fcntl.flock(self._descriptor, fcntl.LOCK_EX)
         self._stream = _Stream(self._descriptor)
-        self._writer = Writer(self._stream)  # type: ignore[arg-type]  # uses these three methods only
+        self._writer = Writer(self._stream, enable_data_crcs=True)  # type: ignore[arg-type]  # three methods
         self._channels: dict[str, int] = {}
         try:
             self._writer.start(PROFILE, LOG_FORMAT)

@@ -84,10 +84,10 @@ class Settings(msgspec.Struct, frozen=True):
     dry_run: bool
     realtime: bool
     max_state_age_s: float
-    max_step: float
-    """Greatest change of each action component from one command to the next; may be infinite."""
-    max_speed_m_s: float
-    """Greatest velocity setpoint; may be infinite."""
+    max_step: float | None = None
+    """Greatest change of each action component from one command to the next; unlimited where None."""
+    max_speed_m_s: float | None = None
+    """Greatest velocity setpoint; unlimited where None."""
 
 
 class Start(msgspec.Struct, frozen=True):

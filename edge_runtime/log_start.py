@@ -1,6 +1,7 @@
 """What a log begins with: the run, its software, machine, policy and fleet, and the objectives in force."""
 
 import hashlib
+import math
 import os
 import platform
 import sys
@@ -122,6 +123,10 @@ def _settings(mission: Mission, controller: Controller, *, bridge: str, dry_run:
         dry_run=dry_run,
         realtime=in_realtime(),
         max_state_age_s=limits.max_state_age_s,
-        max_step=limits.max_step,
-        max_speed_m_s=limits.max_speed_m_s,
+        max_step=_finite(limits.max_step),
+        max_speed_m_s=_finite(limits.max_speed_m_s),
     )
+
+
+def _finite(limit: float) -> float | None:
+    return limit if math.isfinite(limit) else None

@@ -227,5 +227,6 @@ def _start_logger(plan: LogPlan, child: socket.socket) -> "subprocess.Popen[byte
         ],
         pass_fds=(child.fileno(),),
         stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,  # who reads the loop's output must not wait for a logger that hangs
         start_new_session=True,
     )

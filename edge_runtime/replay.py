@@ -5,6 +5,7 @@ A difference therefore names the stage that makes it: ``observation`` (states to
 (limits). Equal means equal bit for bit, for every number of every record.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -139,9 +140,9 @@ def _limits(start: Start, bundle: Bundle) -> Limits:
         low=(x.low, y.low),
         high=(x.high, y.high),
         preview=bundle.manifest.dynamics.at_period(1.0 / settings.rate_hz).preview(1),
-        max_step=settings.max_step,
+        max_step=math.inf if settings.max_step is None else settings.max_step,
         max_state_age_s=settings.max_state_age_s,
-        max_speed_m_s=settings.max_speed_m_s,
+        max_speed_m_s=math.inf if settings.max_speed_m_s is None else settings.max_speed_m_s,
     )
 
 

@@ -1,0 +1,138 @@
+"""A run over several files: rotation, the cap on the disk, a disk that refuses."""
+
+import fcntl
+import json
+import resource
+import subprocess
+import sys
+from functools import partial
+
+import pytest
+from logs import record, ticks
+
+from edge_runtime.log_folder import file_name, make_room, run_name
+from edge_runtime.log_reader import Damage, read_log
+from edge_runtime.log_run import RunLog
+from edge_runtime.log_schema import End, ObjectiveSet, Start, Tick
+from edge_runtime.log_wire import LogPlan
+
+RUN = run_name("20260131T235959Z", 3, 7)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A recorded run as the logger was given it."""
+    (path,) = record(tmp_path_factory.mktemp("run"))
+    return [item for item in read_log(path) if isinstance(item, Start | ObjectiveSet | Tick | End)]
+
+
+def ticks_of(records):
+    return [item for item in records if isinstance(item, Tick)]
+
+
+def plan(folder, **limits):
+    return LogPlan(str(folder), RUN, **({"file_bytes": 10**7, "file_s": 600.0, "keep_bytes": 10**8} | limits))
+
+
+def write_run(run, plan, clock, flush_every=10):
+    log = RunLog(plan, clock)
+    log.files.open()
+    for index, item in enumerate(run):
+        log.take(item)
+        if index % flush_every == 0:
+            log.files.flush()
+    log.files.close()
+    return log.files.report()
+
+
+@pytest.mark.parametrize("limits", [{"file_bytes": 15_000}, {"file_s": 2.0}])
+def test_a_long_run_has_several_files_that_each_stand_by_themselves(run, tmp_path, limits):
+    seconds = iter(range(10**6))
+    report = write_run(run, plan(tmp_path, **limits), lambda: float(next(seconds)))
+    paths = sorted(tmp_path.iterdir())
+    assert report.files == len(paths) > 2
+    assert report.path == str(paths[-1])
+    for part, path in enumerate(paths):
+        records = list(read_log(path))
+        assert (records[0].part, records[0].run) == (part, run[0].run)
+        first = next(i for i, item in enumerate(records) if isinstance(item, Tick))
+        assert any(isinstance(item, ObjectiveSet) for item in records[:first])
+        assert not isinstance(records[-1], Damage)
+    assert [tick for path in paths for tick in ticks(path)] == [
+        item for item in run if isinstance(item, Tick)
+    ]
+
+
+def test_the_oldest_logs_make_room_and_nothing_else_does(tmp_path):
+    names = [file_name(run_name(f"2026010{day}T000000Z", 0, day), 0) for day in range(1, 6)]
+    others = ["notes.txt", "20260101T000000Z_robot0_camera.mcap", "a.mcap"]
+    for name in (*names, *others):
+        (tmp_path / name).write_bytes(bytes(1000))
+    make_room(tmp_path, 2500)
+    assert {path.name for path in tmp_path.iterdir()} == {*names[3:], *others}
+
+
+def test_a_log_that_is_being_written_is_not_deleted(tmp_path):
+    old, new = (tmp_path / file_name(run_name(f"2026010{day}T000000Z", 0, day), 0) for day in (1, 2))
+    for path in (old, new):
+        path.write_bytes(bytes(1000))
+    with old.open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        make_room(tmp_path, 1000)
+    assert [path.name for path in tmp_path.iterdir()] == [old.name]
+
+
+def test_a_new_file_keeps_to_the_cap(run, tmp_path):
+    for day in range(1, 6):
+        (tmp_path / file_name(run_name(f"2026010{day}T000000Z", 0, day), 0)).write_bytes(bytes(10_000))
+    write_run(run, plan(tmp_path, file_bytes=20_000, keep_bytes=45_000), lambda: 0.0)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 45_000 + 20_000
+    assert names[-1].startswith(RUN)
+    assert "robot0_00000005" in names[0] or names[0].startswith(RUN)
+
+
+def limit_files(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def edge_run(*flags, **options):
+    command = [sys.executable, "-m", "edge_runtime.run", "--robot-id", "0", "--rate", "100", *flags]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, **options)
+
+
+def test_a_disk_that_is_full_stops_the_log_but_not_the_loop(tmp_path):
+    flags = ("--duration", "3", "--log-dir", str(tmp_path), "--json", str(tmp_path / "run.json"))
+    done = edge_run(*flags, preexec_fn=partial(limit_files, 50_000))
+    report = json.loads((tmp_path / "run.json").read_bytes())
+    (path,) = tmp_path.glob("*.mcap")
+    kept = ticks(path)
+    assert done.returncode == 0
+    assert report["ticks"] == report["log"]["ticks"] + report["log"]["lost"]
+    assert report["log"]["lost"] > 0
+    assert "File too large" in report["log"]["failure"]
+    assert "File too large" in done.stdout
+    assert [tick.inputs.number for tick in kept] == list(range(report["log"]["ticks"]))
+    assert kept
+    assert path.stat().st_size <= 50_000
+
+
+def test_a_disk_that_takes_files_again_gets_a_new_one(run, tmp_path):
+    now = [0.0]
+    log = RunLog(plan(tmp_path / "gone"), lambda: now[0])
+    (tmp_path / "gone").write_text("not a folder")
+    log.files.open()
+    for item in run[:20]:
+        log.take(item)
+    assert "gone" in log.files.report().failure
+    (tmp_path / "gone").unlink()
+    now[0] = 10.0
+    log.files.flush()
+    for item in run[20:]:
+        log.take(item)
+    log.files.close()
+    report, (path,) = log.files.report(), (tmp_path / "gone").iterdir()
+    lost = ticks_of(run[:20])
+    assert report.lost == len(lost)
+    assert [*lost, *ticks(path)] == ticks_of(run)
+    assert isinstance(next(read_log(path)), Start)
