@@ -9,6 +9,8 @@ COMMANDS = {
     "faults": "benchmarks.faults.command",
     "latency": "benchmarks.latency.command",
     "navigation": "benchmarks.navigation",
+    "sil": "benchmarks.sil.command",
+    "pictures": "benchmarks.pictures",
     "paper": "benchmarks.paper.command",
 }
 

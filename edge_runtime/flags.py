@@ -30,6 +30,7 @@ examples:
   edge-run --robot-id 0 --objectives slow.toml --duration 20
   edge-run --robot-id 0 --no-guidance     what the policy does by itself
   edge-run --robot-id 0 --dry-run         compute everything, command nothing
+  edge-run --robot-id 0 --animate run.gif
   edge-run --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm
   edge-run --robot-id 0 --bridge mavlink --help"""
 
@@ -129,6 +130,7 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
         help="of the flow's start noise, where guidance asks for it (default: 0)",
     )
     add("--json", type=Path, metavar="FILE", help="write the report there")
+    add("--animate", type=Path, metavar="FILE", help="when it ended, draw the run: .gif, or .mp4 with ffmpeg")
     add_log_flags(parser)
     return parser
 

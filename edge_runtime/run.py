@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Final
 
 import msgspec
@@ -163,6 +164,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
                 if flags.json:
                     _check_writable(flags.json)
+                if flags.animate:
+                    _animation().check_animation(flags.animate, recorded=flags.log)
                 recorder = stack.enter_context(open_record(flags))
                 if flags.realtime:
                     enter_realtime()  # before the bridge: its guard process inherits it
@@ -191,9 +194,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 _write(flags.json, report)
         finally:
             show(summary(report, colour=use_colour(output())))
+        if flags.animate and report.log:
+            _animation().animate_run(report.log, flags.animate)
     except EdgeError as error:
         return _complain(error, 1)
     return _complain(report.stop_reason, 1) if report.failed else 0
+
+
+def _animation() -> ModuleType:
+    """Load what draws only where it is wanted: it needs an extra."""
+    return importlib.import_module("edge_runtime.log_report.animate")
 
 
 def _complain(error: EdgeError | str, code: int) -> int:

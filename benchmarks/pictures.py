@@ -1,0 +1,141 @@
+"""The moving pictures of the README: the same episode of a task, left alone and guided, side by side.
+
+One row of `PICTURES` a task. The episode is the first one that guidance satisfies.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
+from benchmarks.paper.judges import motion
+from benchmarks.paper.methods import guided, unguided
+from benchmarks.paper.policies import POLICIES, load_policy
+from benchmarks.paper.tasks import TASKS
+from edge_runtime.bundle import Bundle, packaged_bundle
+from edge_runtime.errors import ConfigError
+from edge_runtime.guide import GuidanceSettings
+from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
+from edge_runtime.report_page.animation import Scene, animate, check_target
+from edge_runtime.report_page.arena import Circle
+from edge_runtime.scene import Floats
+from export.scenarios.scenario import Scenario
+
+FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+DEFAULT = "navigation"
+SETTING = Setting(episodes=10, seed=3)
+
+
+class Picture(msgspec.Struct, frozen=True):
+    """How one task is shown."""
+
+    task: str
+    policy: str
+    """A packaged policy; empty for the first seed of those that the tables rest on."""
+    guidance: GuidanceSettings
+    seconds: float
+    """Longest time shown."""
+
+
+PICTURES = {
+    picture.task: picture
+    for picture in (
+        Picture("navigation", "navigation", GuidanceSettings(mode="terminal"), 12.0),
+        Picture("balance", "", GuidanceSettings(mode="terminal"), 20.0),
+        Picture("sampling", "", GuidanceSettings(mode="terminal"), 15.0),
+    )
+}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Draw the pictures that are asked for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks pictures", description=__doc__)
+    parser.add_argument("tasks", nargs="*", metavar="TASK",
+                        help=f"any of {', '.join(PICTURES)} (default: {DEFAULT})")  # fmt: skip
+    parser.add_argument(
+        "--policies", type=Path, default=POLICIES, metavar="DIR", help="bundles of the tables"
+    )
+    parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="where the pictures go")
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.tasks if name not in PICTURES]:
+        raise ConfigError(f"unknown task {unknown[0]!r}: choose from {', '.join(PICTURES)}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name in options.tasks or [DEFAULT]:
+        path = options.out / f"{name}.gif"
+        check_target(path)
+        draw(PICTURES[name], options.policies, path)
+        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+    return 0
+
+
+def draw(picture: Picture, policies: Path, path: Path, setting: Setting = SETTING) -> None:
+    """Draw one task.
+
+    Raises:
+        ConfigError: if its policy is missing.
+    """
+    bundle = _bundle(picture, policies)
+    task = TASKS[picture.task]
+    with_guidance = guided(picture.guidance, task.objectives, bundle)
+    alone = unguided(bundle, picture.guidance.start_noise)
+    satisfied, after = _follow(picture, with_guidance, setting)
+    _, before = _follow(picture, alone, setting)
+    episode = int(np.argmax(satisfied))
+    scenes = [
+        _scene(picture, bundle, title, tracks, episode)
+        for title, tracks in (("without guidance", before), ("with guidance", after))
+    ]
+    animate(scenes, path)
+
+
+def _bundle(picture: Picture, policies: Path) -> Bundle:
+    if picture.policy:
+        return packaged_bundle(picture.policy)
+    return load_policy(policies, picture.task, "mafpo-chain", 0)
+
+
+class _Tracks:
+    """What is seen of every episode before each of its steps."""
+
+    def __init__(self) -> None:
+        self.position: list[Floats] = []
+        self.velocity: list[Floats] = []
+        self.goals: Floats | None = None
+
+    def watch(self, world: Scenario) -> None:
+        """Note where everybody is."""
+        position, velocity = motion(world)
+        if not self.position and "goal" in (state := world.state_dict()):
+            self.goals = state["goal"].double().numpy().copy()
+        self.position.append(position.copy())
+        self.velocity.append(velocity.copy())
+
+
+def _follow(picture: Picture, make: MakeDecide, setting: Setting) -> tuple[np.ndarray, _Tracks]:
+    tracks = _Tracks()
+    outcome = run_episodes(TASKS[picture.task], make, setting, watch=tracks.watch)
+    return outcome.satisfied, tracks
+
+
+def _scene(picture: Picture, bundle: Bundle, title: str, tracks: _Tracks, episode: int) -> Scene:
+    manifest = bundle.manifest
+    shown = round(picture.seconds / manifest.dynamics.dt_s)
+    position = np.stack(tracks.position)[:shown, episode]
+    goals = [] if tracks.goals is None or tracks.goals.ndim != 3 else tracks.goals[episode].tolist()
+    asked = TASKS[picture.task].objectives
+    return Scene(
+        title=title,
+        period_s=manifest.dynamics.dt_s,
+        position_m=position,
+        velocity_m_s=np.stack(tracks.velocity)[:shown, episode],
+        goals_m=goals,
+        radius_m=manifest.body.radius_m,
+        speed_limit_m_s=min((each.limit_m_s for each in asked if isinstance(each, SpeedLimit)), default=None),
+        margin_m=max((each.distance_m for each in asked if isinstance(each, SafetyMargin)), default=None),
+        circles=[
+            Circle(each.centre_m, each.radius_m, each.name) for each in asked if isinstance(each, Geofence)
+        ],
+    )
