@@ -47,6 +47,7 @@ def robot(robot_id=0, **changes):
             "refused_messages": {},
             "accepted_messages": 100,
             "sent_messages": 100,
+            "driven_s": 30.0,
             "log_gaps_s": (),
             "objective_changes_s": (),
             "halts_s": (),

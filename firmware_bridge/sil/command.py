@@ -15,7 +15,7 @@ from edge_runtime.console import output, use_colour
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.signals import StopSignals
-from firmware_bridge.sil.harness import Harness
+from firmware_bridge.sil.harness import Harness, StartError
 from firmware_bridge.sil.judge import judge
 from firmware_bridge.sil.limits import DEFAULT_LIMITS
 from firmware_bridge.sil.processes import Crew
@@ -26,6 +26,7 @@ from firmware_bridge.sil.table import table
 
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
 MOST_ROBOTS: Final = 64
+STARTS: Final = 3
 EPILOG: Final = """\
 exit codes:
   0  passed: every limit was kept
@@ -95,14 +96,21 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
 
 
 def simulate(scenario: Scenario, signals: StopSignals) -> SilReport:
-    """Run a scenario to its verdict.
+    """Run a scenario to its verdict; a team that does not come to drive is started again a few times.
 
     Raises:
         BridgeError: if the run could not be carried to its end; nothing is left running.
     """
-    with Crew(scenario.folder) as crew:
-        recording = Harness(scenario, crew, signals).run()
-    return judge(scenario, recording)
+    for start in range(STARTS):
+        try:
+            with Crew(scenario.folder) as crew:
+                recording = Harness(scenario, crew, signals).run()
+            return judge(scenario, recording)
+        except StartError as error:
+            if start == STARTS - 1:
+                raise
+            print(f"edge-sil: {error}; starting again", file=sys.stderr)
+    raise AssertionError("the last start returns or raises")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -33,6 +33,10 @@ LOOK_S = 0.05
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
+class StartError(BridgeError):
+    """The team did not come to drive: on a busy machine a guard stops a robot that starts too slowly."""
+
+
 @dataclass(frozen=True)
 class Recording:
     """What a run left behind."""
@@ -61,7 +65,8 @@ class Harness:
         """Run to the end.
 
         Raises:
-            BridgeError: if the team never drove, the plant died, or a signal asked to end.
+            StartError: if the team never drove.
+            BridgeError: if the plant died, or a signal asked to end.
         """
         field, helpers = self._start_field(), self._start_helpers()
         self._start_robots()
@@ -135,10 +140,10 @@ class Harness:
         while not select.select((field.popen.stdout,), (), (), LOOK_S)[0]:
             self._look()
             if self._ended:
-                raise BridgeError(f"the team did not start: {'; '.join(self._ended.values())}")
+                raise StartError(f"the team did not start: {'; '.join(self._ended.values())}")
             if time.monotonic() > end_s:
                 words = "; ".join(f"{c.name} said: {c.last_words()}" for c in self._robots())
-                raise BridgeError(f"not all robots drove within {longest_s:g} s: {words}")
+                raise StartError(f"not all robots drove within {longest_s:g} s: {words}")
         return msgspec.json.decode(field.popen.stdout.readline(), type=FieldStart)
 
     def _follow(self, t0_s: float, injector: Injector) -> None:

@@ -85,6 +85,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         refused_messages=fleet.refused if fleet else {},
         accepted_messages=fleet.accepted if fleet else 0,
         sent_messages=fleet.sent if fleet else 0,
+        driven_s=runtime.ticks / runtime.rate_hz if runtime and runtime.rate_hz else 0.0,
         log_gaps_s=tuple(
             (begin_s - recording.t0_s, end_s - recording.t0_s)
             for begin_s, end_s in log.gaps_s(recording.t0_s, recording.end_s, 3.0 * period_s)

@@ -56,6 +56,8 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     """Fleet messages that the runtime dropped, by reason."""
     accepted_messages: int
     sent_messages: int
+    driven_s: float
+    """From the runtime's first tick to its last; messages count that long."""
     halts_s: tuple[tuple[float, float], ...]
     """(from, to) of each time that the firmware was told to rest or told nothing, in the run's time."""
     log_gaps_s: tuple[tuple[float, float], ...]

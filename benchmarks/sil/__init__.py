@@ -1,0 +1,1 @@
+"""Whole teams in the loop: what must be seen, and how it grows."""

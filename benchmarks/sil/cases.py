@@ -1,0 +1,286 @@
+"""The rows of the table: a run of edge-sil each, and what must be seen in its report."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from firmware_bridge.sil.report import RobotQuality, SilReport
+
+Judge = Callable[[SilReport], Iterator[str]]
+"""Yields what was not seen; nothing if all was."""
+
+
+class Case(NamedTuple):
+    """One row."""
+
+    name: str
+    asked: str
+    judge: Judge
+    show: Callable[[SilReport], str]
+    """What was seen, in a few words."""
+    bridge: str = "can"
+    robots: int = 4
+    rate_hz: float = 50.0
+    long_s: float = 20.0
+    short_s: float = 6.0
+    faults: str = ""
+    """A timeline; {half}, {frames} and {third} are put in."""
+    realtime: bool = True
+
+
+def cases() -> tuple[Case, ...]:
+    """Return the table's rows in its order; the clock's jump is a row of `benchmarks.sil.guest`."""
+    rate = "99.5 % of the ticks, no burst over 2"
+    return (
+        Case("rate, CAN", rate, _rate, _show_rate, long_s=60.0),
+        Case("rate, MAVLink", rate, _rate, _show_rate, bridge="mavlink", long_s=60.0),
+        Case(
+            "rate, CAN, ordinary scheduling",
+            "every miss counted",
+            _counted,
+            _show_counted,
+            long_s=60.0,
+            realtime=False,
+        ),
+        Case("pose to command, CAN", "p99 within a period", _pose_age, _show_pose_age),
+        Case("pose to command, MAVLink", "p99 within a period", _pose_age, _show_pose_age, bridge="mavlink"),
+        Case(
+            "20 % packet loss",
+            "message age p99 within 2 periods, no collision",
+            _loss,
+            _show_loss,
+            faults='kind = "loss"\nat_s = 0.0\nfor_s = 1e6\nshare = 0.2',
+        ),
+        Case(
+            "3 s blackout",
+            "the team stops, then goes on; no stale state used",
+            _blackout,
+            _show_blackout,
+            short_s=9.0,
+            faults='kind = "blackout"\nat_s = 1.0\nfor_s = 3.0',
+        ),
+        Case(
+            "neighbour killed",
+            "masked within 3 periods, no collision, the others arrive",
+            _killed,
+            _show_killed,
+            short_s=12.0,
+            # While it stands near its start: nobody senses a dead robot, so none may lie in the others' way.
+            faults='kind = "kill"\nat_s = 0.1\nrobot = 3',
+        ),
+        Case(
+            "hostile frames",
+            "none accepted, rate unchanged",
+            _hostile,
+            _show_hostile,
+            long_s=60.0,
+            faults='kind = "hostile"\nat_s = 0.0\nfor_s = {whole}\nframes = {frames}',
+        ),
+        Case(
+            "log disk full",
+            "loop unaffected, at most 1 s of log lost",
+            _log_lost,
+            _show_log,
+            faults='kind = "log_full"\nat_s = {half}\nfor_s = 1e6',
+        ),
+        Case(
+            "logger killed",
+            "loop unaffected, at most 1 s of log lost",
+            _log_lost,
+            _show_log,
+            faults='kind = "kill"\npart = "logger"\nrobot = 0\nat_s = {half}',
+        ),
+        Case(
+            "objective swap under way",
+            "all change at the same tick",
+            _swapped,
+            _show_swapped,
+            faults='kind = "objectives"\nfile = "slow.toml"\nat_s = 1.0',
+        ),
+    )
+
+
+def soak() -> Case:
+    """Return the longest row, for a night or a coffee."""
+    return Case(
+        "soak, 8 robots",
+        "no crash, growth under 1 MiB a process",
+        _soaked,
+        _show_soaked,
+        robots=8,
+        rate_hz=20.0,
+        long_s=600.0,
+        short_s=10.0,
+    )
+
+
+def _driving(report: SilReport) -> list[RobotQuality]:
+    return [robot for robot in report.robots if not robot.exempt]
+
+
+def _rate(report: SilReport) -> Iterator[str]:
+    for robot in _driving(report):
+        if robot.achieved_rate_share < 0.995 or robot.longest_burst > 2:
+            yield f"robot {robot.robot_id}: {robot.achieved_rate_share:.2%}, burst {robot.longest_burst}"
+
+
+def _show_rate(report: SilReport) -> str:
+    team = report.team
+    jitter = team.period_jitter_ms
+    text = f"{team.achieved_rate_share:.2%}, burst {team.longest_burst}"
+    return text if jitter is None else f"{text}, jitter p99 {jitter.p99:.2f} ms"
+
+
+def _counted(report: SilReport) -> Iterator[str]:
+    for robot in _driving(report):
+        if robot.runtime_misses is None or robot.deadline_misses > robot.runtime_misses + 1:
+            yield (
+                f"robot {robot.robot_id}: {robot.deadline_misses} missed at the firmware, "
+                f"{robot.runtime_misses} counted by the runtime"
+            )
+
+
+def _show_counted(report: SilReport) -> str:
+    seen = sum(robot.deadline_misses for robot in _driving(report))
+    counted = sum(robot.runtime_misses or 0 for robot in _driving(report))
+    return f"{_show_rate(report)}; {seen} missed at the firmware, {counted} counted since the start"
+
+
+def _pose_age(report: SilReport) -> Iterator[str]:
+    period_ms = 1e3 / report.rate_hz
+    for robot in _driving(report):
+        age = robot.pose_to_command_age_ms
+        if age is None or age.p99 > period_ms:
+            yield f"robot {robot.robot_id}: {'no age' if age is None else f'{age.p99:.1f} ms'}"
+
+
+def _show_pose_age(report: SilReport) -> str:
+    age = report.team.pose_to_command_age_ms
+    return "-" if age is None else f"p50 {age.p50:.1f}, p99 {age.p99:.1f}, max {age.max:.1f} ms"
+
+
+def _no_collision(report: SilReport) -> Iterator[str]:
+    if report.team.collisions:
+        yield f"{report.team.collisions} collisions"
+
+
+def _loss(report: SilReport) -> Iterator[str]:
+    yield from _no_collision(report)
+    for robot in _driving(report):
+        age = robot.fleet_message_age_ms
+        if age is None or age.p99 > 2e3 / report.rate_hz:
+            yield f"robot {robot.robot_id}: {'no age' if age is None else f'{age.p99:.1f} ms'}"
+
+
+def _show_loss(report: SilReport) -> str:
+    message, used = report.team.fleet_message_age_ms, report.team.fleet_used_age_ms
+    if message is None or used is None:
+        return "-"
+    return (
+        f"messages p99 {message.p99:.1f} ms, states used p99 {used.p99:.1f} ms, "
+        f"{report.team.collisions} collisions"
+    )
+
+
+def _blackout(report: SilReport) -> Iterator[str]:
+    yield from _no_collision(report)
+    for robot in _driving(report):
+        if not any(begin < 3.5 < end < 4.5 for begin, end in robot.halts_s):
+            yield f"robot {robot.robot_id} did not stop and go on: {robot.halts_s}"
+    yield from _stale(report)
+
+
+def _stale(report: SilReport) -> Iterator[str]:
+    for robot in _driving(report):
+        age = robot.fleet_used_age_ms
+        if age is None or age.max > 3e3 / report.rate_hz + 1e-6:
+            yield f"robot {robot.robot_id} used a state {'-' if age is None else f'{age.max:.1f}'} ms old"
+
+
+def _show_blackout(report: SilReport) -> str:
+    halts = [halt for robot in _driving(report) for halt in robot.halts_s if halt[0] < 3.5 < halt[1]]
+    age = report.team.fleet_used_age_ms
+    if not halts or age is None:
+        return "-"
+    begin, end = min(halt[0] for halt in halts) - 1.0, max(halt[1] for halt in halts) - 4.0
+    oldest = max(robot.fleet_used_age_ms.max for robot in _driving(report) if robot.fleet_used_age_ms)
+    return f"stopped {begin:.2f} s into it, drove {end:.2f} s after it; oldest state used {oldest:.1f} ms"
+
+
+def _killed(report: SilReport) -> Iterator[str]:
+    yield from _no_collision(report)
+    yield from _stale(report)
+    away = [robot.robot_id for robot in _driving(report) if not robot.goals_reached]
+    if away:
+        yield f"robots {away} did not arrive"
+
+
+def _show_killed(report: SilReport) -> str:
+    oldest = max((r.fleet_used_age_ms.max for r in _driving(report) if r.fleet_used_age_ms), default=0.0)
+    arrived = sum(robot.goals_reached for robot in _driving(report))
+    return (
+        f"oldest state used {oldest:.1f} ms, {report.team.collisions} collisions, "
+        f"{arrived} of {len(_driving(report))} arrived"
+    )
+
+
+def _hostile(report: SilReport) -> Iterator[str]:
+    yield from _rate(report)
+    for robot in _driving(report):
+        heard = sum(other.sent_messages for other in report.robots if other is not robot)
+        if robot.accepted_messages > heard:
+            yield f"robot {robot.robot_id} accepted {robot.accepted_messages} messages"
+        if not robot.refused_messages.get("foreign"):
+            yield f"robot {robot.robot_id} refused no foreign frame"
+
+
+def _show_hostile(report: SilReport) -> str:
+    causes = ("foreign", "malformed")
+    refused = sum(robot.refused_messages.get(cause, 0) for robot in report.robots for cause in causes)
+    return f"{refused:,} refused, {_show_rate(report)}"
+
+
+def _log_lost(report: SilReport) -> Iterator[str]:
+    yield from _rate(report)
+    [fault] = report.faults
+    struck = [robot for robot in report.robots if fault.kind == "log_full" or robot.robot_id == 0]
+    for robot in struck:
+        if not robot.log_gaps_s:
+            yield f"robot {robot.robot_id}: its log did not end"
+        elif robot.log_gaps_s[0][0] < fault.at_s - 1.0:
+            yield f"robot {robot.robot_id}: its log lacks {robot.log_gaps_s}"
+
+
+def _show_log(report: SilReport) -> str:
+    [fault] = report.faults
+    lost = max((fault.at_s - r.log_gaps_s[0][0] for r in report.robots if r.log_gaps_s), default=0.0)
+    return f"{_show_rate(report)}; {max(lost, 0.0):.2f} s of log lost before the fault"
+
+
+def _swapped(report: SilReport) -> Iterator[str]:
+    changes = [robot.objective_changes_s for robot in report.robots]
+    if any(len(change) != 1 for change in changes):
+        yield f"changes: {changes}"
+        return
+    moments = [change[0][0] for change in changes]
+    # Robots tick on grids of their own: within one of the team's ticks each comes once.
+    if max(moments) - min(moments) >= 1.0 / report.rate_hz + 2e-3:
+        yield f"changed {max(moments) - min(moments):.3f} s apart"
+
+
+def _show_swapped(report: SilReport) -> str:
+    moments = [change[0] for robot in report.robots for change in robot.objective_changes_s]
+    apart = f", {1e3 * (max(moments) - min(moments)):.1f} ms apart" if moments else ""
+    return f"{len(moments)} of {len(report.robots)} robots changed{apart}"
+
+
+def _soaked(report: SilReport) -> Iterator[str]:
+    yield from report.ended
+    yield from _no_collision(report)
+    for process in report.processes:
+        if process.memory_growth_mib >= 1.0:
+            yield f"{process.name} grew by {process.memory_growth_mib:.2f} MiB"
+
+
+def _show_soaked(report: SilReport) -> str:
+    most = max(process.memory_growth_mib for process in report.processes)
+    return f"{len(report.ended)} crashes, growth {most:.2f} MiB at most, {_show_rate(report)}"

@@ -1,0 +1,85 @@
+"""``python -m benchmarks sil``: what must be seen of a team in the loop, and how it grows.
+
+Each row is a run of edge-sil: real edge-run processes with their guards and loggers, firmware and plant on
+the wire. ``--short`` is what CI runs, ``--soak`` adds ten minutes of eight robots, ``--scale`` measures teams
+of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+from rich.progress import track
+
+from benchmarks.sil.cases import Case, cases, soak
+from benchmarks.sil.rows import Row, Size, row_of, size_of, sizes_table, table
+from benchmarks.sil.run import run_case
+from firmware_bridge.sil.team_file import NEAREST
+
+RESULTS = Path(__file__).parents[1] / "results" / "sil.json"
+SIZES = ((4, 50.0), (8, 50.0), (16, 20.0), (32, 10.0))
+"""(robots, rate): what two cores carry with firmware and plant beside the robots."""
+
+
+class Page(msgspec.Struct, frozen=True):
+    """Everything that was measured."""
+
+    cores: int
+    rows: tuple[Row, ...]
+    sizes: tuple[Size, ...]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the cases, print the tables, write the rows; 1 if a quiet machine did not show what was asked."""
+    options = _parse(arguments)
+    realtime = _has_realtime()
+    if not realtime:
+        print("real-time scheduling is not permitted here: all rows run without", file=sys.stderr)
+    chosen = [case for case in (*cases(), soak()) if options.only in case.name]
+    if not options.soak and not options.only:
+        chosen = chosen[:-1]
+    rows = [
+        _row(case, short=options.short, realtime=realtime)
+        for case in track(chosen, "rows", disable=not sys.stderr.isatty())
+    ]
+    print(table(rows))
+    sizes = [_size(robots, rate, realtime=realtime) for robots, rate in SIZES] if options.scale else []
+    if sizes:
+        print(sizes_table(sizes))
+    page = Page(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes))
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_bytes(msgspec.json.format(msgspec.json.encode(page), indent=1) + b"\n")
+    return int(any(row.missing and not row.disturbed for row in rows))
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks sil", description=__doc__)
+    add = parser.add_argument
+    add("--short", action="store_true", help="a few seconds a row")
+    add("--soak", action="store_true", help="also the ten minutes of eight robots")
+    add("--scale", action="store_true", help="also teams of 4, 8, 16 and 32")
+    add("--only", default="", metavar="TEXT", help="rows whose name contains it")
+    add("--json", type=Path, default=RESULTS, help="where the rows go")
+    return parser.parse_args(arguments)
+
+
+def _row(case: Case, *, short: bool, realtime: bool) -> Row:
+    return row_of(case, run_case(case, short=short, realtime=realtime))
+
+
+def _size(robots: int, rate_hz: float, *, realtime: bool) -> Size:
+    case = soak()._replace(robots=robots, rate_hz=rate_hz, long_s=20.0)
+    return size_of(run_case(case, short=False, realtime=realtime), min(NEAREST, robots - 1))
+
+
+def _has_realtime() -> bool:
+    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, before, parameters)
+    return True

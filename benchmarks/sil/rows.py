@@ -1,0 +1,103 @@
+"""What the benchmark writes: a row a case, and a row a size of team."""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from benchmarks.sil.cases import Case
+from edge_runtime.fleet_wire import FRAME_BYTES
+from firmware_bridge.sil.report import SilReport
+
+OVERHEAD_BYTES = 28
+"""IPv4 and UDP headers."""
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One line of the table of what must be seen."""
+
+    name: str
+    robots: int
+    rate_hz: float
+    duration_s: float
+    realtime: bool
+    asked: str
+    seen: str
+    missing: tuple[str, ...]
+    """What was asked for and not seen."""
+    disturbed: tuple[str, ...]
+    """Why the machine was not quiet."""
+
+
+class Size(msgspec.Struct, frozen=True):
+    """One line of the table of growth; per robot means the mean."""
+
+    robots: int
+    rate_hz: float
+    neighbours: int
+    achieved_rate_share: float
+    """Of the worst robot."""
+    cpu_cores: float
+    """Of all processes, firmware and plant included."""
+    cpu_cores_a_robot: float
+    """Of runtime, guard and logger."""
+    memory_mib_a_robot: float
+    sent_bytes_a_second: float
+    """Per robot, with the headers of IP and UDP."""
+    disturbed: tuple[str, ...]
+
+
+def row_of(case: Case, report: SilReport) -> Row:
+    """Judge one run."""
+    return Row(
+        case.name,
+        report.robots_count,
+        report.rate_hz,
+        report.duration_s,
+        report.machine.realtime,
+        case.asked,
+        case.show(report),
+        tuple(case.judge(report)),
+        report.disturbed,
+    )
+
+
+def size_of(report: SilReport, neighbours: int) -> Size:
+    """Sum up one run of one size of team."""
+    count = report.robots_count
+    sent = sum(robot.sent_messages / max(robot.driven_s, 1e-9) for robot in report.robots) / count
+    return Size(
+        count,
+        report.rate_hz,
+        neighbours,
+        report.team.achieved_rate_share,
+        report.team.cpu_cores,
+        sum(robot.cpu_cores for robot in report.robots) / count,
+        sum(robot.memory_mib for robot in report.robots) / count,
+        sent * (FRAME_BYTES + OVERHEAD_BYTES),
+        report.disturbed,
+    )
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Format rows as a Markdown table."""
+    lines = ["| | asked | seen | |", "|---|---|---|---|"]
+    for row in rows:
+        verdict = "not seen: " + "; ".join(row.missing) if row.missing else "yes"
+        verdict += ", machine disturbed" if row.disturbed else ""
+        lines.append(f"| {row.name} | {row.asked} | {row.seen} | {verdict} |")
+    return "\n".join(lines)
+
+
+def sizes_table(sizes: Sequence[Size]) -> str:
+    """Format sizes as a Markdown table."""
+    lines = [
+        "| robots | rate Hz | neighbours | ticks % | cores | cores a robot | MiB a robot | kB/s a robot |",
+        "|--:" * 8 + "|",
+    ]
+    for size in sizes:
+        lines.append(
+            f"| {size.robots} | {size.rate_hz:g} | {size.neighbours} | {100 * size.achieved_rate_share:.2f} "
+            f"| {size.cpu_cores:.2f} | {size.cpu_cores_a_robot:.3f} | {size.memory_mib_a_robot:.0f} "
+            f"| {size.sent_bytes_a_second / 1e3:.1f} |"
+        )
+    return "\n".join(lines)

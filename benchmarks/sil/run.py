@@ -1,0 +1,52 @@
+"""Runs one case as a user would: edge-sil in a process of its own, its report read back."""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import msgspec
+
+from benchmarks.sil.cases import Case
+from edge_runtime.errors import BridgeError
+from firmware_bridge.sil.report import SilReport
+
+SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.15\n'
+HOSTILE_FRAMES, HOSTILE_FRAMES_SHORT = 100_000, 5_000
+
+
+def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
+    """Return the report of one run.
+
+    Raises:
+        BridgeError: if edge-sil could not carry it to its end, with its words.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        duration_s = case.short_s if short else case.long_s
+        flags = ["--robots", case.robots, "--bridge", case.bridge, "--rate", case.rate_hz]
+        flags += ["--duration", duration_s, "--json", folder / "report.json"]
+        if case.realtime and realtime:
+            flags.append("--realtime")
+        if case.faults:
+            flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
+        done = subprocess.run(  # noqa: S603 - our own interpreter and module
+            [sys.executable, "-m", "firmware_bridge.sil.command", *map(str, flags)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        report = (folder / "report.json").read_bytes()
+        if not report:
+            raise BridgeError(f"{case.name}: {done.stderr.strip()}")
+        return msgspec.json.decode(report, type=SilReport)
+
+
+def _timeline(case: Case, folder: Path, duration_s: float, *, short: bool) -> Path:
+    (folder / "slow.toml").write_text(SLOW)
+    path = folder / "faults.toml"
+    frames = HOSTILE_FRAMES_SHORT if short else HOSTILE_FRAMES
+    path.write_text(
+        "[[fault]]\n" + case.faults.format(half=duration_s / 2, whole=duration_s - 1.0, frames=frames)
+    )
+    return path
