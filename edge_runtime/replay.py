@@ -69,9 +69,9 @@ class Replay:
         """The observation of the recorded state."""
         return Observation(tuple(self._observer.observe(tick.state)[0].tolist()))
 
-    def act(self, tick: Tick, observation: Observation, *, cut: bool) -> GuidedAction:
-        """The action for an observation; with ``cut``, cut short where the recorded one was."""
-        most_steps = tick.action.steps if cut and tick.action.cut else None
+    def act(self, tick: Tick, observation: Observation) -> GuidedAction:
+        """The action for an observation, cut short where the recorded one was."""
+        most_steps = tick.action.steps if tick.action.cut else None
         inputs = np.array([observation.values], np.float32)
         return guided_action(
             self._policy, inputs, tick.state, self._guide, tick.inputs.start, most_steps=most_steps
@@ -89,7 +89,7 @@ class Replay:
         """Make a tick again; yield the first number that differs in each stage."""
         stages = (
             ("observation", tick.observation, self.observe(tick)),
-            ("action", tick.action, self.act(tick, tick.observation, cut=True)),
+            ("action", tick.action, self.act(tick, tick.observation)),
             ("command", tick.command, self.limit(tick, tick.action)),
         )
         for stage, recorded, replayed in stages:

@@ -31,7 +31,7 @@ class Answer:
         self.times_s.append(tick.inputs.deadline_s - self.start.started_s)
         self.positions_m.append(tick.state.own.position_m)
         self.done.append(tick.command)
-        action = replay.act(tick, replay.observe(tick), cut=False)
+        action = replay.act(tick, replay.observe(tick))
         self.instead.append(replay.limit(tick, action))
 
     def changes(self) -> np.ndarray:

@@ -128,7 +128,7 @@ def test_states_that_are_not_finite_are_recorded_and_repeated(log, tmp_path, val
         own = replace(tick.state.own, position_m=(value, 0.0), velocity_m_s=(0.0, value))
         tick = replace(tick, state=replace(tick.state, own=own))
         tick = replace(tick, observation=replay.observe(tick))
-        tick = replace(tick, action=replay.act(tick, tick.observation, cut=True))
+        tick = replace(tick, action=replay.act(tick, tick.observation))
         return replace(tick, command=replay.limit(tick, tick.action))
 
     path = write(tmp_path / "broken.mcap", again(log, broken))
