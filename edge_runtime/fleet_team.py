@@ -113,7 +113,10 @@ class NetworkTeam:
         self._streams.ask(now)
         if self._orders.change(self._tick.number):
             self._plan_tick, self._new_plan = self._tick.number, True
-        return self._streams.locate(bridge) if bridge else None
+        located = self._streams.locate(bridge) if bridge else None
+        if located is None:
+            self._desk.stop_reason = self._streams.fault(now) or "waits for the bridge's first state"
+        return located
 
     def new_plan(self) -> Plan | None:
         """Return what the robot follows from now on, once after each change."""

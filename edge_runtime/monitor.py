@@ -48,8 +48,8 @@ class Monitor:
             self.anytime_ticks += 1
 
     def no_state(self) -> None:
-        """Count a tick in which the bridge had no state to give."""
-        self.faults["no state from the bridge yet"] += 1
+        """Count a tick in which neither bridge nor pose stream had a state to give."""
+        self.faults["no own state yet"] += 1
 
     def judge_anew(self) -> None:
         """Forget separations and speeds: other objectives hold from this tick on."""

@@ -41,7 +41,7 @@ class OrderDesk:
     def __init__(self, orders: Orders, key: bytes, carrier: Carrier, rate_hz: float) -> None:
         self.orders = orders
         self.stop_reason = "not driving yet"
-        """Of the newest command."""
+        """Of the newest command, or why there is none."""
         self._key, self._carrier = key, carrier
         self._rate, self._nominal_rate_hz = RateMeter(), rate_hz
         self._tick, self._now_s = 0, 0.0

@@ -261,7 +261,7 @@ def test_a_stale_state_commands_zero(drive):
 def test_no_state_yet_commands_nothing(drive):
     _, bridge, path = drive([None, None, state()])
     assert len(bridge.written) == 1
-    assert report_of(path)["faults"] == {"no state from the bridge yet": 2}
+    assert report_of(path)["faults"] == {"no own state yet": 2}
 
 
 def test_a_non_finite_gradient_commands_zero(drive, tmp_path):

@@ -67,7 +67,8 @@ def _place(fleet: Fleet, listen: str | None) -> Endpoint:
     except ValueError:
         place = None
     if place is None or place not in named.values():
-        raise ConfigError(f"--listen must be one of the fleet's streams: {', '.join(named)}; got {listen}")
+        got = f", got {listen}" if listen else ""
+        raise ConfigError(f"--listen must be one of the fleet's streams, {', '.join(named)}{got}")
     return place
 
 
