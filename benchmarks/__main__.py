@@ -12,6 +12,7 @@ COMMANDS = {
     "sil": "benchmarks.sil.command",
     "pictures": "benchmarks.pictures",
     "paper": "benchmarks.paper.command",
+    "recording": "benchmarks.recording",
 }
 
 

@@ -1,0 +1,221 @@
+"""``python -m benchmarks recording``: what a run's log and its watcher cost the loop.
+
+Four robots as four processes on one machine, at one rate, again and again: with ``--no-log`` and nobody
+watching, and with log and edge-watch; each round has both, in a new order. The loop's own record of a tick
+(wake-up to the command's departure) and of its lateness tells what the other processes do to it. What the
+loop itself spends on handing a tick over comes after the command; it is measured apart.
+"""
+
+import argparse
+import contextlib
+import json
+import random
+import secrets
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from edge_runtime.bundle import packaged_bundle
+from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.controller import Controller
+from edge_runtime.log_folder import run_name
+from edge_runtime.log_wire import LogPlan
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.mission import Mission
+from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.recorder import Recorder
+from edge_runtime.run import STAGES
+
+ALLOWED = 1.05
+"""p99 with recording and watching, in parts of p99 without."""
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One quantity, medians over the rounds; ratios are of the same round."""
+
+    quantity: str
+    rate_hz: float
+    realtime: bool
+    rounds: int
+    off_us: float
+    on_us: float
+    ratio: float
+    ratio_low: float
+    """The smallest of any round."""
+    ratio_high: float
+    lost: int
+    """Ticks that were not recorded."""
+
+
+class HandOver(msgspec.Struct, frozen=True):
+    """What the loop spends on handing one tick to its logger, in microseconds."""
+
+    rate_hz: float
+    p50_us: float
+    p99_us: float
+    max_us: float
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure, print, write the rows."""
+    parser = argparse.ArgumentParser(prog="benchmarks recording", description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ")
+    parser.add_argument("--duration", type=float, default=10.0, metavar="S")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    flags = parser.parse_args(arguments)
+    realtime = _realtime_permitted()
+    hand_over = measure_hand_over(flags.rate, flags.duration)
+    rounds = list(_rounds(flags.rounds, flags.rate, flags.duration, realtime=realtime))
+    rows = [_row(quantity, flags.rate, rounds, realtime=realtime) for quantity in QUANTITIES]
+    print("\n".join(_lines(rows, hand_over)))
+    if flags.json:
+        content = msgspec.json.encode({"rows": rows, "hand_over": hand_over})
+        flags.json.write_bytes(msgspec.json.format(content) + b"\n")
+    return 0
+
+
+def _lines(rows: Sequence[Row], hand_over: HandOver) -> Iterator[str]:
+    for row in rows:
+        yield (
+            f"{row.quantity:<10}off {row.off_us:8.1f} us   on {row.on_us:8.1f} us   on / off {row.ratio:.3f} "
+            f"({row.ratio_low:.3f} to {row.ratio_high:.3f})"
+        )
+    row = rows[0]
+    scheduling = "real-time" if row.realtime else "ordinary, real-time was refused"
+    yield f"{row.rounds} rounds at {row.rate_hz:g} Hz, scheduling {scheduling}"
+    yield f"tick p99 within {ALLOWED - 1.0:.0%} asked; {row.lost} ticks lost"
+    yield f"hand-over p50 {hand_over.p50_us:.1f} us, p99 {hand_over.p99_us:.1f}, max {hand_over.max_us:.1f}"
+
+
+QUANTITIES = {
+    "tick p50": lambda report: report["tick_us"]["p50"],
+    "tick p99": lambda report: report["tick_us"]["p99"],
+    "wake p50": lambda report: report["stage_us"]["wake"]["p50"],
+    "wake p99": lambda report: report["stage_us"]["wake"]["p99"],
+}
+Reports = dict[bool, list[dict]]
+"""The four robots' reports, without and with recording and watching."""
+
+
+def _rounds(count: int, rate: float, duration: float, *, realtime: bool) -> Iterator[Reports]:
+    draw = random.Random(0)
+    with tempfile.TemporaryDirectory() as folder:
+        fleets = {on: _write_fleet(Path(folder), watched=on) for on in (False, True)}
+        for number in range(count):
+            reports = {}
+            for on in draw.sample((False, True), 2):
+                reports[on] = _team(fleets[on], rate, duration, recorded=on, realtime=realtime)
+            print(f"round {number + 1} of {count}", file=sys.stderr)
+            yield reports
+
+
+def _write_fleet(folder: Path, *, watched: bool) -> Path:
+    """The packaged fleet over UDP, on ports that are free now."""
+    (folder / "team.key").write_text(secrets.token_hex(32))
+    (folder / "team.key").chmod(0o600)
+    text = (DEFAULT_FLEET.parent / "udp.toml").read_text()
+    for robot_id in range(4):
+        text = text.replace(f"127.0.0.1:4700{robot_id}", f"127.0.0.1:{_free_port()}")
+    if watched:
+        text += f'\n[watch]\naddress = "127.0.0.1:{_free_port()}"\n'
+    path = folder / f"{'watched' if watched else 'plain'}.toml"
+    path.write_text(text)
+    return path
+
+
+def _team(fleet: Path, rate: float, duration: float, *, recorded: bool, realtime: bool) -> list[dict]:
+    """Run the team once and return its reports."""
+    outputs = [fleet.parent / f"robot{robot_id}.json" for robot_id in range(4)]
+    common = ["--fleet", str(fleet), "--rate", str(rate), "--duration", str(duration), "--stay"]
+    common += ["--realtime"] if realtime else []
+    common += ["--log-dir", str(fleet.parent / "logs")] if recorded else ["--no-log"]
+    with _watching(fleet) if recorded else contextlib.nullcontext():
+        robots = [
+            _start("edge_runtime.run", "--robot-id", str(robot_id), *common, "--json", str(output))
+            for robot_id, output in enumerate(outputs)
+        ]
+        for robot in robots:
+            if robot.wait(timeout=duration + 60.0):
+                raise RuntimeError(f"edge-run ended with exit code {robot.returncode}")
+    return [json.loads(output.read_bytes()) for output in outputs]
+
+
+@contextlib.contextmanager
+def _watching(fleet: Path) -> Iterator[None]:
+    watch = _start("edge_runtime.watch", "--fleet", str(fleet))
+    try:
+        yield
+    finally:
+        watch.terminate()
+        watch.wait()
+
+
+def _start(module: str, *flags: str) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, "-m", module, *flags], stdout=subprocess.DEVNULL)  # noqa: S603
+
+
+def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -> Row:
+    read = QUANTITIES[quantity]
+    off, on = (np.array([np.median([read(r) for r in reports[way]]) for reports in rounds]) for way in (0, 1))
+    ratios = on / off
+    return Row(
+        quantity,
+        rate,
+        realtime,
+        len(rounds),
+        float(np.median(off)),
+        float(np.median(on)),
+        float(np.median(ratios)),
+        float(ratios.min()),
+        float(ratios.max()),
+        sum(report["log"]["lost"] for reports in rounds for report in reports[True]),
+    )
+
+
+def measure_hand_over(rate: float, duration: float) -> HandOver:
+    """Time `Recorder.follow` in a paced loop with a real logger."""
+    fleet = load_fleet(DEFAULT_FLEET)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, rate)
+    controller: Controller = mission.controllers()[0]
+    grid, timing, spent = DeadlineGrid(1.0 / rate), TimingRecord(STAGES), []
+    mates = tuple(Teammate(RobotState(i, 0.0, (float(i), 0.5), (0.1, 0.2))) for i in (1, 2, 3))
+    with tempfile.TemporaryDirectory() as folder:
+        plan = LogPlan(folder, run_name("20260101T000000Z", 0, 0), 10**8, 600.0, 10**9)
+        with Recorder(plan) as recorder:
+            recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
+            while grid.next_s < duration:
+                deadline_s = grid.wait()
+                timing.begin(deadline_s)
+                team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.1, 0.2)), mates)
+                observation = controller.observe(team)
+                guided = controller.act(observation, team)
+                command = controller.limit(guided, team, time.monotonic())
+                for _ in STAGES:
+                    timing.lap()
+                timing.end()
+                begin = time.perf_counter()
+                recorder.follow(deadline_s, team, observation, guided, command)
+                spent.append(1e6 * (time.perf_counter() - begin))
+            recorder.end("duration", failed=False)
+    p50, p99 = np.percentile(spent[10:], [50.0, 99.0]).tolist()
+    return HandOver(rate, p50, p99, max(spent[10:]))
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _realtime_permitted() -> bool:
+    """Whether a child may have it: this process is to stay an ordinary one."""
+    code = "from edge_runtime.realtime import enter_realtime; enter_realtime()"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0  # noqa: S603
