@@ -8,12 +8,12 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit budgets socketcan chromium peers mutants oldest clean
+.PHONY: run test lint types unit budgets coverage fuzz socketcan chromium peers mutants oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
 
-test: lint types unit oldest budgets  ## Everything that CI checks
+test: lint types unit coverage oldest budgets  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -40,6 +40,14 @@ ifeq ($(shell command -v npm),)
 else
 	@$(MAKE) --no-print-directory $(PEERS)/.ready
 endif
+
+coverage: $(DEV)/ready  ## Every line and branch of the guard and both codecs is run by their own tests
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m coverage run -m pytest tests/test_guard*.py tests/test_can_*.py tests/test_mavlink_*.py
+	$(DEV)/bin/python -m coverage report
+
+fuzz: $(DEV)/ready  ## A million malformed or random frames at each decoder; CI sends fewer
+	$(DEV)/bin/python -m pytest tests/test_can_codec.py -k junk --hypothesis-profile=fuzz
+	MAVLINK_FUZZ_CASES=1000000 $(DEV)/bin/python -m pytest tests/test_mavlink_codec.py -k fuzz
 
 mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: a test must fail each time
 	$(DEV)/bin/pip install --quiet --editable '.[dev,mutation]'

@@ -46,6 +46,7 @@ def test_conditions(mode, error, later, condition, said):
 def test_each_look_judges_what_is_newest():
     made = rules()
     assert made.health(10.0).condition is Condition.READY
+    assert made.health(10.05).condition is Condition.READY
     made.take(Decoded("S", {"S.mode": 0, "S.error": 0}), 10.05)
     assert made.health(10.05).condition is Condition.WAITING
     assert made.health(10.11).condition is Condition.FAULT

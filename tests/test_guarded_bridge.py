@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 from guard_fakes import spec
 
@@ -12,6 +13,7 @@ import firmware_bridge.guarded_bridge as bridge_module
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard_spec import GuardSpec
 from firmware_bridge.guard_wire import (
     Counts,
     Event,
@@ -94,7 +96,7 @@ def test_a_stop_of_the_guard_is_an_error_with_its_first_cause(bridge, guard):
 
 def test_a_guard_that_ended_is_an_error(bridge, guard):
     guard.socket.close()
-    with pytest.raises(BridgeError, match="the guard ended"):
+    with pytest.raises(BridgeError, match=r"^the guard ended: its own output says why$"):
         bridge.write(COMMAND)
 
 
@@ -106,7 +108,7 @@ def test_a_guard_that_dies_with_words_unread_is_quoted(bridge, guard):
 
 
 def test_a_guard_that_does_not_read_never_blocks_the_runtime(bridge):
-    with pytest.raises(BridgeError, match="does not take commands"):
+    with pytest.raises(BridgeError, match=r"^the guard does not take commands: is it stopped or starved\?$"):
         for _ in range(100_000):
             bridge.write(COMMAND)
 
@@ -125,6 +127,38 @@ def test_stop_asks_a_driving_guard(bridge, guard, monkeypatch):
         bridge.stop("ordered")
     monkeypatch.undo()
     assert guard.heard() == StopRequest("ordered")
+
+
+def test_a_guard_that_is_stopping_is_not_asked_again_and_takes_no_commands(bridge, guard, monkeypatch):
+    guard.tell(Event(Phase.STOPPING, "ordered"))
+    with pytest.raises(BridgeError, match=r"^the guard stopped the robot: ordered$"):
+        bridge.write(COMMAND)
+    assert guard.heard() == Setpoint(5, 6.0, (0.1, 0.2), (0.3, 0.4))
+    monkeypatch.setattr(bridge_module, "STOPPING_S", 0.05)
+    with pytest.raises(BridgeError, match="did not finish the stop sequence"):
+        bridge.stop("again")
+    monkeypatch.undo()
+    guard.socket.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        guard.heard()
+
+
+def test_the_guard_is_our_own_interpreter_in_a_session_of_its_own(monkeypatch):
+    started = []
+    monkeypatch.setattr(bridge_module.subprocess, "Popen", lambda *a, **k: started.append((a, k)))
+    with socket.socket() as child:
+        bridge_module._start_guard(spec(), child)
+        number = child.fileno()
+    (((arguments,), options),) = started
+    assert arguments[:4] == [sys.executable, "-m", "firmware_bridge.guard", str(number)]
+    assert msgspec.json.decode(arguments[4], type=GuardSpec) == spec()
+    assert len(arguments) == 5
+    # Ctrl-C on the terminal must not reach the guard before the runtime has told it to stop.
+    assert options == {
+        "pass_fds": (number,),
+        "stdin": subprocess.DEVNULL,
+        "start_new_session": True,
+    }
 
 
 def test_stop_without_a_guard_is_an_error(bridge, guard):

@@ -375,6 +375,10 @@ class TestWriting:
         oracle.signing.secret_key = KEY
         assert all(oracle.decode(bytearray(frame)).get_signed() for frame in (first, second))
 
+    def test_a_rehearsal_fails_where_the_frame_would(self):
+        with pytest.raises(UnicodeEncodeError):
+            Encoder(255, (1, 1)).rehearse(ParameterRequest("Ü"), 0.0)
+
     def test_without_a_key_frames_are_not_signed(self):
         assert Encoder(255, (1, 1)).encode(Beat(), 0.0)[2] == 0
 
