@@ -14,9 +14,11 @@ COINCIDENT_M = 1e-9
 class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
     """Keep the cluster radius R of the n robots in sight, oneself included, at a target.
 
-    J = n/2 ((R - target) / position gain)^2, half the squared joint action in which each of the n robots
-    takes its share of the cure. The centroid moves by 1/n of the own motion, so that the slope lies along
-    the own direction from the centroid less the mean of all directions. Alone there is nothing to keep.
+    J = 1/2 ((R - target) / position gain)^2, half the squared action with which each of n robots takes its
+    share of the cure. The centroid moves by 1/n of the own motion, so that the slope lies along the own
+    direction from the centroid less the mean of all directions, and is 1/n as steep as a single robot's
+    objective: all robots act on the same deviation, and together they must not overshoot. Alone there is
+    nothing to keep.
     """
 
     look_ahead: int = 4
@@ -49,11 +51,9 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
             sum_x, sum_y = sum_x + dx, sum_y + dy
             if index == 0:
                 own_x, own_y = dx, dy
-        share = (total / count - self.radius_m) / gain
-        push = share / gain
-        return Slope(
-            0.5 * count * share * share, push * (own_x - sum_x / count), push * (own_y - sum_y / count)
-        )
+        cure = (total / count - self.radius_m) / gain
+        push = cure / (gain * count)
+        return Slope(0.5 * cure * cure, push * (own_x - sum_x / count), push * (own_y - sum_y / count))
 
     def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
         """Costs and slopes at B predicted motions."""
@@ -70,6 +70,6 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
         amid = distance < COINCIDENT_M
         outward = np.where(amid[..., None], np.stack([np.cos(angle), np.sin(angle)], -1), offset)
         outward /= np.where(amid, 1.0, distance)[..., None]
-        share = (distance.mean(-1) - self.radius_m) / gain
-        slope = (share / gain)[:, None] * (outward[:, 0] - outward.mean(1))
-        return SlopeBatch(0.5 * count * share * share, slope, np.zeros_like(velocity_m_s))
+        cure = (distance.mean(-1) - self.radius_m) / gain
+        slope = (cure / (gain * count))[:, None] * (outward[:, 0] - outward.mean(1))
+        return SlopeBatch(0.5 * cure * cure, slope, np.zeros_like(velocity_m_s))

@@ -20,8 +20,6 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not all(map(math.isfinite, self.centre_m)):
-            raise ValueError(f"`centre_m` must be finite, got {list(self.centre_m)}")
         if self.radius_m <= 0.0 or self.buffer_m < 0.0:
             raise ValueError(
                 f"`radius_m` must be positive and `buffer_m` not negative, "
