@@ -6,6 +6,7 @@ rides in every frame to the teammates, so a robot that accepted learns of it fro
 operator or its packets be lost; one that learns of it after that tick changes at once.
 """
 
+import sys
 import threading
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -19,6 +20,10 @@ from edge_runtime.plan import Plan
 
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""
+SWITCH_S: Final = 2e-4
+"""How long the loop may wait for the interpreter while a thread checks objectives; Python's own is 5 ms."""
+STACK_BYTES: Final = 2**20
+"""Of that thread: with locked memory, mapping the usual 8 MiB would take the loop 5 ms."""
 STOPPED: Final = "stopped by edge-ctl"
 
 Prepare = Callable[[str, bytes], Plan]
@@ -46,7 +51,9 @@ class Proposal:
         self.complaint = ""
         """Why it is refused."""
         self._order, self._prepare = order, prepare
+        before = threading.stack_size(STACK_BYTES)
         threading.Thread(target=self._check, name="objectives", daemon=True).start()
+        threading.stack_size(before)
 
     @property
     def stage(self) -> Stage:
@@ -90,6 +97,7 @@ class Orders:
         """Why the run is to end; never taken back."""
         self._robot_id, self._boot_id, self._prepare = robot_id, boot_id, prepare
         self._proposal: Proposal | None = None
+        sys.setswitchinterval(SWITCH_S)
 
     def take(self, order: Order, now_s: float) -> str:
         """Act on an authentic order; taking it once more changes nothing.
