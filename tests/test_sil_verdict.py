@@ -42,6 +42,7 @@ def robot(robot_id=0, **changes):
             "robot_id": robot_id,
             "exempt": False,
             "stop_reason": "SIGTERM",
+            "undecided_ticks": 0,
             "runtime_misses": 0,
             "stopped_ticks": {},
             "refused_messages": {},

@@ -132,17 +132,22 @@ def _show_rate(report: SilReport) -> str:
 
 def _counted(report: SilReport) -> Iterator[str]:
     for robot in _driving(report):
-        if robot.runtime_misses is None or robot.deadline_misses > robot.runtime_misses + 1:
+        stopped = "stopped" in robot.stop_reason  # by its guard: then no tick was due any more
+        # The window may cut a tick at each of its ends.
+        if not stopped and robot.undecided_ticks > (robot.runtime_misses or 0) + 1:
             yield (
-                f"robot {robot.robot_id}: {robot.deadline_misses} missed at the firmware, "
+                f"robot {robot.robot_id}: {robot.undecided_ticks} ticks without a decision, "
                 f"{robot.runtime_misses} counted by the runtime"
             )
 
 
 def _show_counted(report: SilReport) -> str:
-    seen = sum(robot.deadline_misses for robot in _driving(report))
-    counted = sum(robot.runtime_misses or 0 for robot in _driving(report))
-    return f"{_show_rate(report)}; {seen} missed at the firmware, {counted} counted since the start"
+    whole = [robot for robot in _driving(report) if "stopped" not in robot.stop_reason]
+    lacking = sum(robot.undecided_ticks for robot in whole)
+    counted = sum(robot.runtime_misses or 0 for robot in whole)
+    stopped = len(_driving(report)) - len(whole)
+    text = f"{_show_rate(report)}; {lacking} ticks lacking, {counted} counted since the start"
+    return text + (f"; {stopped} robots stopped by their guards" if stopped else "")
 
 
 def _pose_age(report: SilReport) -> Iterator[str]:

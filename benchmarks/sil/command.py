@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
-from rich.progress import track
 
 from benchmarks.sil.cases import Case, cases, soak
-from benchmarks.sil.rows import Row, Size, row_of, size_of, sizes_table, table
+from benchmarks.sil.rows import HEAD, Row, Size, failed, line, row_of, size_of, sizes_table
 from benchmarks.sil.run import run_case
+from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.team_file import NEAREST
 
 RESULTS = Path(__file__).parents[1] / "results" / "sil.json"
@@ -41,11 +41,11 @@ def main(arguments: Sequence[str]) -> int:
     chosen = [case for case in (*cases(), soak()) if options.only in case.name]
     if not options.soak and not options.only:
         chosen = chosen[:-1]
-    rows = [
-        _row(case, short=options.short, realtime=realtime)
-        for case in track(chosen, "rows", disable=not sys.stderr.isatty())
-    ]
-    print(table(rows))
+    print(HEAD)
+    rows = []
+    for case in chosen:
+        rows.append(_row(case, short=options.short, realtime=realtime))
+        print(line(rows[-1]), flush=True)
     sizes = [_size(robots, rate, realtime=realtime) for robots, rate in SIZES] if options.scale else []
     if sizes:
         print(sizes_table(sizes))
@@ -67,7 +67,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _row(case: Case, *, short: bool, realtime: bool) -> Row:
-    return row_of(case, run_case(case, short=short, realtime=realtime))
+    try:
+        return row_of(case, run_case(case, short=short, realtime=realtime))
+    except EdgeError as error:
+        return failed(case, str(error))
 
 
 def _size(robots: int, rate_hz: float, *, realtime: bool) -> Size:

@@ -78,14 +78,19 @@ def size_of(report: SilReport, neighbours: int) -> Size:
     )
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Format rows as a Markdown table."""
-    lines = ["| | asked | seen | |", "|---|---|---|---|"]
-    for row in rows:
-        verdict = "not seen: " + "; ".join(row.missing) if row.missing else "yes"
-        verdict += ", machine disturbed" if row.disturbed else ""
-        lines.append(f"| {row.name} | {row.asked} | {row.seen} | {verdict} |")
-    return "\n".join(lines)
+def failed(case: Case, words: str) -> Row:
+    """Return the row of a run that could not be carried to its end."""
+    return Row(case.name, case.robots, case.rate_hz, 0.0, case.realtime, case.asked, "-", (words,), ())
+
+
+HEAD = "| | asked | seen | |\n|---|---|---|---|"
+
+
+def line(row: Row) -> str:
+    """Format a row as a line of a Markdown table under `HEAD`."""
+    verdict = "not seen: " + "; ".join(row.missing) if row.missing else "yes"
+    verdict += ", machine disturbed" if row.disturbed else ""
+    return f"| {row.name} | {row.asked} | {row.seen} | {verdict} |"
 
 
 def sizes_table(sizes: Sequence[Size]) -> str:

@@ -1,16 +1,16 @@
 """edge-sil: real robot processes against firmware and a plant, judged before any wheel turns."""
 
-import argparse
 import contextlib
 import importlib.util
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final
 
 import msgspec
 
+from edge_runtime.command_line import CommandParser
 from edge_runtime.console import output, use_colour
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import RATE_HZ
@@ -24,6 +24,9 @@ from firmware_bridge.sil.robots import check_robot
 from firmware_bridge.sil.scenario import Request, Scenario, prepare
 from firmware_bridge.sil.table import table
 
+DESCRIPTION: Final = (
+    "Run real robot processes against firmware and a plant, and judge them before any wheel turns."
+)
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
 MOST_ROBOTS: Final = 64
 STARTS: Final = 3
@@ -41,26 +44,9 @@ examples:
   edge-sil --fleet team.toml --policy policies/mine --limits strict.toml"""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Reports a wrong flag as one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise ConfigError(f"{message}; see {self.prog} --help")
-
-
-def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
-    """Read the command line; returns the request and where the report goes.
-
-    Raises:
-        ConfigError: names the flag and what is allowed.
-    """
-    parser = _Parser(
-        prog="edge-sil",
-        description=__doc__,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+def make_parser() -> CommandParser:
+    """The command line."""
+    parser = CommandParser("edge-sil", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--robots", type=int, metavar="N", help="how many (default: 4, or the fleet file's)")
     add("--bridge", choices=("can", "mavlink"), default="can", help="what the robots speak (default: can)")
@@ -73,7 +59,16 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
     add("--limits", type=Path, default=DEFAULT_LIMITS, metavar="FILE", help=f"default: {DEFAULT_LIMITS.name}")
     add("--realtime", action="store_true", help="real-time scheduling for robots, guards and plant")
     add("--log-dir", type=Path, metavar="DIR", help="keep the robots' logs there")
-    flags = parser.parse_args(arguments)
+    return parser
+
+
+def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
+    """Read the command line; returns the request and where the report goes.
+
+    Raises:
+        ConfigError: names the flag and what is allowed.
+    """
+    flags = make_parser().parse_args(arguments)
     low, high = RATE_HZ
     _check("--rate", flags.rate, low, high)
     _check("--duration", flags.duration, 1.0, 1e6)

@@ -80,6 +80,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         robot_id=robot_id,
         exempt=any(robot_id in fault.hits for fault in scenario.faults),
         stop_reason=runtime.stop_reason if runtime else "",
+        undecided_ticks=int(missed_bursts(log.decided_s, period_s, recording.t0_s, recording.end_s).sum()),
         runtime_misses=runtime.deadline_misses if runtime else None,
         stopped_ticks=runtime.faults if runtime else {},
         refused_messages=fleet.refused if fleet else {},

@@ -48,6 +48,9 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     """A fault took it out: no limit holds of it."""
     stop_reason: str
     """The runtime's own words; empty if it could not say any."""
+    undecided_ticks: int
+    """Ticks without a decision, by the stamps of the runtime's log; what else is missed at the firmware its
+    guard withheld or the wire lost."""
     runtime_misses: int | None
     """Deadlines that the runtime itself counted as missed, from its start to its end."""
     stopped_ticks: dict[str, int]

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from mcap.writer import MCAP0_MAGIC
 
 from edge_runtime.log_reader import read_log
 from edge_runtime.log_schema import Tick
@@ -54,7 +55,8 @@ def read_robot_log(folder: Path) -> RobotLog:
     """Return what the log in a folder holds, up to its damage if it has any."""
     decided, pose, ages, at, versions, fresh = (array("d") for _ in range(6))
     newest: dict[int, float] = {}
-    for path in sorted(folder.glob("*.mcap")):
+    # A full disk leaves files without even their first bytes.
+    for path in sorted(path for path in folder.glob("*.mcap") if path.stat().st_size > len(MCAP0_MAGIC)):
         for tick in read_log(path):
             if not isinstance(tick, Tick):
                 continue
