@@ -31,6 +31,9 @@ budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
 chromium:  ## The browser in which reports are tested; its tests skip where it cannot be installed
 	@sh tests/chromium/install.sh
 
+sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each
+	$(DEV)/bin/python -m benchmarks sil --short
+
 socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
 	@sh tests/socketcan/install.sh
 

@@ -21,7 +21,7 @@ class Case(NamedTuple):
     robots: int = 4
     rate_hz: float = 50.0
     long_s: float = 20.0
-    short_s: float = 6.0
+    short_s: float = 4.0
     faults: str = ""
     """A timeline; {half}, {frames} and {third} are put in."""
     realtime: bool = True
@@ -55,7 +55,7 @@ def cases() -> tuple[Case, ...]:
             "the team stops, then goes on; no stale state used",
             _blackout,
             _show_blackout,
-            short_s=9.0,
+            short_s=7.0,
             faults='kind = "blackout"\nat_s = 1.0\nfor_s = 3.0',
         ),
         Case(
@@ -63,7 +63,7 @@ def cases() -> tuple[Case, ...]:
             "masked within 3 periods, no collision, the others arrive",
             _killed,
             _show_killed,
-            short_s=12.0,
+            short_s=11.0,
             # While it stands near its start: nobody senses a dead robot, so none may lie in the others' way.
             faults='kind = "kill"\nat_s = 0.1\nrobot = 3',
         ),

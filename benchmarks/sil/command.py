@@ -19,7 +19,7 @@ from benchmarks.sil.run import run_case
 from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.team_file import NEAREST
 
-RESULTS = Path(__file__).parents[1] / "results" / "sil.json"
+RESULTS = Path(__file__).parents[1] / "results"
 SIZES = ((4, 50.0), (8, 50.0), (16, 20.0), (32, 10.0))
 """(robots, rate): what two cores carry with firmware and plant beside the robots."""
 
@@ -62,8 +62,10 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--soak", action="store_true", help="also the ten minutes of eight robots")
     add("--scale", action="store_true", help="also teams of 4, 8, 16 and 32")
     add("--only", default="", metavar="TEXT", help="rows whose name contains it")
-    add("--json", type=Path, default=RESULTS, help="where the rows go")
-    return parser.parse_args(arguments)
+    add("--json", type=Path, help="where the rows go (default: sil.json or sil_short.json, with the others)")
+    options = parser.parse_args(arguments)
+    options.json = options.json or RESULTS / ("sil_short.json" if options.short else "sil.json")
+    return options
 
 
 def _row(case: Case, *, short: bool, realtime: bool) -> Row:
