@@ -8,12 +8,12 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
-.PHONY: run test lint types unit budgets coverage fuzz socketcan chromium peers mutants oldest clean
+.PHONY: run test lint types unit budgets sil coverage fuzz socketcan chromium peers mutants oldest clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
 
-test: lint types unit coverage oldest budgets  ## Everything that CI checks
+test: lint types unit coverage oldest budgets sil  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
