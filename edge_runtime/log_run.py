@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from msgspec.structs import replace
 
@@ -43,6 +44,12 @@ class RunLog:
             self._tell(objectives_event(self._time_ns, record))
         else:
             self._take_end(record)
+
+    def close(self) -> None:
+        """Finish the newest file; a run that never began leaves none."""
+        self.files.close()
+        if self._start is None:
+            Path(self.files.report().path).unlink(missing_ok=True)
 
     def _begin(self, file: LogFile, part: int) -> None:
         if self._start is not None:

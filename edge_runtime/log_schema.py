@@ -156,7 +156,7 @@ class Inputs(msgspec.Struct, frozen=True, gc=False):
     """The action commanded last, from which the slew limit counts."""
 
 
-class Observation(msgspec.Struct, frozen=True):
+class Observation(msgspec.Struct, frozen=True, gc=False):
     """Channel ``/observation``: the policy's input, in the order of the manifest's fields."""
 
     values: tuple[float, ...]
@@ -177,7 +177,7 @@ class StageTimes(msgspec.Struct, frozen=True, gc=False):
     """From the tick's start to the command's departure."""
 
 
-class Tick(msgspec.Struct, frozen=True):
+class Tick(msgspec.Struct, frozen=True, gc=False):
     """One tick; each field is one message, on the channel of its name."""
 
     inputs: Inputs

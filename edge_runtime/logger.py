@@ -37,7 +37,7 @@ def serve(connection: socket.socket, run: RunLog) -> None:
             run.files.flush()
             due_s = time.monotonic() + FLUSH_S
         time.sleep(POLL_S)
-    run.files.close()
+    run.close()
 
 
 def _drain(connection: socket.socket, buffer: bytearray, run: RunLog) -> bool:

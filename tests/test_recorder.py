@@ -15,10 +15,22 @@ from logs import ticks
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from msgspec.structs import replace
 
+from edge_runtime.bundle import packaged_bundle
+from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.log_folder import run_name
 from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_schema import End, Start
-from edge_runtime.run import main
+from edge_runtime.log_schema import End, Event, ObjectiveSet, Start
+from edge_runtime.log_wire import LogPlan
+from edge_runtime.messages import RobotState, TeamState
+from edge_runtime.mission import Mission
+from edge_runtime.objectives import SpeedLimit
+from edge_runtime.plan import make_plan
+from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.recorder import Recorder
+from edge_runtime.replay_command import main as replay
+from edge_runtime.run import STAGES, main
 
 LOSS_S = 1.0
 
@@ -147,6 +159,46 @@ def test_a_cap_without_room_is_refused(tmp_path, capsys):
     assert main(["--robot-id", "0", *flags]) == 2
     assert "at least twice" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_never_began_leaves_no_log(tmp_path, capsys):
+    """Its bridge could not be opened, after its log was."""
+    flags = ["--bridge", "mavlink", "--mavlink", "udpin:127.0.0.1:1", "--log-dir", str(tmp_path)]
+    assert main(["--robot-id", "0", *flags]) == 2
+    assert capsys.readouterr().err
+    wait_for(lambda: not list(tmp_path.iterdir()))
+
+
+def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
+    """Each tick names the set that it followed, and is replayed with it."""
+    fleet = load_fleet(DEFAULT_FLEET)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 100.0)
+    controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
+    slower = replace(fleet.steering, objectives=(SpeedLimit(limit_m_s=0.05),))
+    plans = [controller.plan, replace(make_plan(slower, mission.bundle.manifest), version=7)]
+    with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)) as recorder:
+        recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
+        for number in range(20):
+            controller.plan = plans[number // 10]
+            timing.begin(time.monotonic())
+            team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.2, 0.1)))
+            observation = controller.observe(team)
+            guided = controller.act(observation, team)
+            command = controller.limit(guided, team, time.monotonic())
+            for _ in STAGES:
+                timing.lap()
+            timing.end()
+            recorder.follow(time.monotonic(), team, observation, guided, command)
+        report = recorder.end("done", failed=False)
+    path = Path(report.path)
+    records = list(read_log(path))
+    assert (report.ticks, report.lost, report.failure) == (20, 0, "")
+    assert [tick.inputs.objectives_version for tick in ticks(path)] == [0] * 10 + [7] * 10
+    assert [len(tick.action.costs) for tick in ticks(path)] == [2] * 10 + [1] * 10
+    assert [item.version for item in records if isinstance(item, ObjectiveSet)] == [0, 7]
+    told = [item.message for item in records if isinstance(item, Event) and item.name == "objectives"]
+    assert told[1] == "version 7: speed_limit (guidance terminal)"
+    assert replay([str(path)]) == 0
 
 
 def test_no_log_writes_none(tmp_path, capsys):
