@@ -17,5 +17,7 @@ def await_start() -> float:
 
 
 def sleep_until(time_s: float) -> None:
-    """Sleep until a monotonic time."""
-    time.sleep(max(0.0, time_s - time.monotonic()))
+    """Sleep until a monotonic time; one that has passed does not even yield the processor."""
+    wait_s = time_s - time.monotonic()
+    if wait_s > 0.0:
+        time.sleep(wait_s)
