@@ -35,7 +35,7 @@ def changes(before: Tick | None, tick: Tick, time_ns: int) -> Iterator[Event]:
         yield event(time_ns, ERROR, "fault", reason)
     if last_reason and not reason:
         yield event(time_ns, INFO, "recovered", f"drives again after: {last_reason}")
-    if tick.action.cut:
+    if tick.action.cut and not (before and before.action.cut):
         yield event(time_ns, WARNING, "cut", f"the deadline cut the sample after {tick.action.steps} steps")
     if before is None:
         return

@@ -256,7 +256,7 @@ class PosesInFrame(msgspec.Struct, frozen=True):
 
 
 EVENTS: Final = ("start", "fault", "recovered", "miss", "cut", "lost", "found", "objectives", "gap", "stop")
-"""Fault begins, fault ends, deadlines missed, sample cut short, teammate lost, teammate found,
+"""Fault begins, fault ends, deadlines missed, samples are cut short, teammate lost, teammate found,
 objectives exchanged, ticks lost to the log, run stopped."""
 
 TICK_CHANNELS: Final = ("inputs", "state", "observation", "action", "command", "timing")

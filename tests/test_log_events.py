@@ -56,6 +56,8 @@ def test_misses_cuts_and_gaps_are_told_with_their_numbers():
     assert event.message == "4 ticks were not recorded"
     (event,) = changes(None, after(TICK, number=0, steps=4, cut=True), 0)
     assert event.message == "the deadline cut the sample after 4 steps"
+    cut = after(TICK, cut=True)
+    assert told(cut, after(cut, 2, cut=True)) == []
 
 
 def test_teammates_are_told_when_they_come_and_go():
