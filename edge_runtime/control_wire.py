@@ -6,11 +6,11 @@ session, a random number, and the number of the message that it answers.
 """
 
 import hmac
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import msgspec
 
-from edge_runtime.fleet_wire import FrameError, Refusal
+from edge_runtime.fleet_wire import LAST_TICK, FrameError, Refusal
 
 ORDER_MAGIC: Final = b"CFO\x01"
 ANSWER_MAGIC: Final = b"CFA\x01"
@@ -44,7 +44,7 @@ class Ask(Order, frozen=True, tag="ask"):
 class Propose(Order, frozen=True, tag="propose", kw_only=True):
     """Asks whether the robot would follow these objectives; nothing changes yet."""
 
-    version: int
+    version: Annotated[int, msgspec.Meta(ge=1, lt=2**32)]
     file: str
     """Name of the objectives file, for messages."""
     content: bytes
@@ -53,7 +53,7 @@ class Propose(Order, frozen=True, tag="propose", kw_only=True):
 class Commit(Order, frozen=True, tag="commit", kw_only=True):
     """Makes what this session proposed the robot's objectives, at a tick of the team."""
 
-    tick: int
+    tick: Annotated[int, msgspec.Meta(ge=1, le=LAST_TICK)]
 
 
 class Abort(Order, frozen=True, tag="abort"):

@@ -19,6 +19,8 @@ from edge_runtime.messages import RobotState, Vector2
 
 MAGIC: Final = b"CFP\x02"
 """Its last byte is the version of the layout; change it with the layout."""
+LAST_TICK: Final = 2**53
+"""No team gets there; counting on from a greater number would not fit the frame."""
 _BODY: Final = struct.Struct("<4sHHI?3x8Q8d")
 _TAG_BYTES: Final = 32
 FRAME_BYTES: Final = _BODY.size + _TAG_BYTES
@@ -28,7 +30,7 @@ class Refusal(enum.Enum):
     """Why a received frame was dropped."""
 
     MALFORMED = "malformed"
-    """Not of this length or version."""
+    """Not of this length or version, or of fields that no robot sends."""
     FOREIGN = "foreign"
     """Not made with the team's key."""
     MISDIRECTED = "misdirected"
@@ -129,6 +131,8 @@ def decode(packet: bytes, key: bytes) -> Frame:
         raise FrameError(Refusal.FOREIGN)
     _, sender, receiver, version, listens, boot_id, sequence, challenge, answer, *rest = _BODY.unpack(body)
     tick, digest, next_digest, next_tick, *numbers = rest
+    if tick > LAST_TICK or next_tick > LAST_TICK:
+        raise FrameError(Refusal.MALFORMED)
     if not all(map(math.isfinite, numbers)):
         raise FrameError(Refusal.NOT_FINITE)
     stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers

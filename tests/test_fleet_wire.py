@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.fleet_wire import FRAME_BYTES, Following, Frame, FrameError, Refusal, decode, encode
+from edge_runtime.fleet_wire import (
+    FRAME_BYTES,
+    LAST_TICK,
+    Following,
+    Frame,
+    FrameError,
+    Refusal,
+    decode,
+    encode,
+)
 from edge_runtime.messages import RobotState
 
 KEY = bytes(range(32))
@@ -32,9 +41,10 @@ vectors = st.tuples(numbers, numbers)
 shorts = st.integers(0, 2**16 - 1)
 longs = st.integers(0, 2**64 - 1)
 states = st.builds(RobotState, shorts, numbers, vectors, vectors, numbers)
-followings = st.builds(Following, st.integers(0, 2**32 - 1), longs, longs, longs)
+ticks = st.integers(0, LAST_TICK)
+followings = st.builds(Following, st.integers(0, 2**32 - 1), longs, longs, ticks)
 frames = st.builds(
-    Frame, shorts, longs, longs, longs, longs, states, vectors, st.booleans(), longs, followings
+    Frame, shorts, longs, longs, longs, longs, states, vectors, st.booleans(), ticks, followings
 )
 
 
@@ -84,6 +94,12 @@ def test_junk_made_with_another_key_is_refused(frame, key):
 def test_junk_lengths_are_refused(frame, cut, more):
     packet = encode(frame, KEY)
     assert refusal(packet[:-cut]) is refusal(packet + more) is Refusal.MALFORMED
+
+
+def test_ticks_that_no_team_reaches_are_refused():
+    following = replace(FRAME.following, next_tick=LAST_TICK + 1)
+    for frame in (replace(FRAME, tick=LAST_TICK + 1), replace(FRAME, following=following)):
+        assert refusal(encode(frame, KEY)) is Refusal.MALFORMED
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
