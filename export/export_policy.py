@@ -6,6 +6,7 @@ from pathlib import Path
 
 from onnx import ModelProto
 
+from edge_runtime.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import Training
 from edge_runtime.weights import FlowWeights
@@ -22,7 +23,11 @@ from export.onnx.reference import GraphReference
 from export.parity import SAMPLES, evaluate_torch, random_inputs
 from export.scenarios import scenario_facts
 
-EXAMPLES = """\
+EPILOG = """\
+exit codes:
+  0  the bundle is written
+  2  a flag, file or run does not hold together; one line says what
+
 examples:
   edge-export runs/nav --out policies/navigation
   edge-export --print-facts-template > facts.toml
@@ -76,9 +81,8 @@ def export_graph(file: Path, facts: Facts, target: Path, *, force: bool = False)
 
 def main() -> int:
     """Run ``edge-export``; 0 on success, 2 after one line on what does not fit."""
-    arguments = _parser().parse_args()
     try:
-        print(_run(arguments))
+        print(_run(make_parser().parse_args()))
     except EdgeError as error:
         print(f"edge-export: {error}", file=sys.stderr)
         return 2
@@ -145,13 +149,10 @@ def _expressed(source: ModelProto) -> tuple[FlowWeights | None, str]:
         return None, f"onnxruntime ({reason})"
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="edge-export",
-        description="Write the policy bundle that edge-run loads, after checking that all its forms agree.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def make_parser() -> CommandParser:
+    """The command line."""
+    description = "Write the policy bundle that edge-run loads, after checking that all its forms agree."
+    parser = CommandParser("edge-export", description, EPILOG)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="directory of an edge-train run")
     parser.add_argument("--from-onnx", type=Path, metavar="FILE", help="export this velocity graph instead")
     parser.add_argument("--facts", type=Path, metavar="FILE", help="TOML facts for --from-onnx")

@@ -1,12 +1,12 @@
 """edge-train: train a policy on a scenario."""
 
-import argparse
 import sys
 from pathlib import Path
 
 import torch
 from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
+from edge_runtime.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from export.distributed import join, launch
 from export.plan import ALGORITHMS, Request, make_plan
@@ -14,7 +14,13 @@ from export.progress import ProgressView
 from export.scenarios import SCENARIOS
 from export.training_run import TrainingRun
 
-EXAMPLES = """\
+EPILOG = """\
+exit codes:
+  0  trained to the last frame
+  1  a worker failed
+  2  a flag, file or run does not hold together; one line says what
+  130  interrupted; --resume continues
+
 examples:
   edge-train navigation --seed 0 --out runs/nav
   edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
@@ -29,12 +35,14 @@ the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv a
 
 def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
     """Return the request and the number of workers to start."""
-    parser = argparse.ArgumentParser(
-        prog="edge-train",
-        description="Train a policy for a team of robots.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = vars(make_parser().parse_args(arguments))
+    workers = options.pop("workers")
+    return Request(**options), workers
+
+
+def make_parser() -> CommandParser:
+    """The command line."""
+    parser = CommandParser("edge-train", "Train a policy for a team of robots.", EPILOG)
     parser.add_argument("scenario", choices=sorted(SCENARIOS))
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
     parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="mafpo-chain")
@@ -46,9 +54,7 @@ def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
     parser.add_argument(
         "--workers", type=int, default=1, metavar="N", help="processes that share the work (1)"
     )
-    options = vars(parser.parse_args(arguments))
-    workers = options.pop("workers")
-    return Request(**options), workers
+    return parser
 
 
 def check(request: Request, workers: int) -> None:
@@ -100,8 +106,8 @@ def _work_in_group(request: Request) -> EdgeError | None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit code."""
-    request, workers = parse(arguments)
     try:
+        request, workers = parse(arguments)
         check(request, workers)
         _make_directory(request.out)
         if workers > 1:
