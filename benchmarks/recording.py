@@ -1,9 +1,10 @@
 """``python -m benchmarks recording``: what a run's log and its watcher cost the loop.
 
-Four robots as four processes on one machine, at one rate, again and again: with ``--no-log`` and nobody
-watching, and with log and edge-watch; each round has both, in a new order. The loop's own record of a tick
-(wake-up to the command's departure) and of its lateness tells what the other processes do to it. What the
-loop itself spends on handing a tick over comes after the command; it is measured apart.
+Four robots as four processes on one machine, at one rate, again and again. Robot 0 is judged: with
+``--no-log`` and nobody watching, and with its log and edge-watch; each round has both, in a new order. The
+others stand for other machines and do the same in both: no log, nobody watching. The loop's own record of a
+tick (wake-up to the command's departure) and of its lateness tells what the other processes do to it. What
+the loop itself spends on handing a tick over comes after the command; it is measured apart.
 """
 
 import argparse
@@ -104,58 +105,56 @@ QUANTITIES = {
     "wake p50": lambda report: report["stage_us"]["wake"]["p50"],
     "wake p99": lambda report: report["stage_us"]["wake"]["p99"],
 }
-Reports = dict[bool, list[dict]]
-"""The four robots' reports, without and with recording and watching."""
+Reports = dict[bool, dict]
+"""Robot 0's, without and with recording and watching."""
 
 
 def _rounds(count: int, rate: float, duration: float, *, realtime: bool) -> Iterator[Reports]:
     draw, read = random.Random(0), QUANTITIES["tick p99"]
     with tempfile.TemporaryDirectory() as folder:
-        fleets = {on: _write_fleet(Path(folder), watched=on) for on in (False, True)}
+        plain, watched = _write_fleets(Path(folder))
         for number in range(count):
             reports = {}
             for on in draw.sample((False, True), 2):
-                reports[on] = _team(fleets[on], rate, duration, recorded=on, realtime=realtime)
-            p99 = [np.median([read(report) for report in reports[on]]) for on in (False, True)]
+                common = ["--rate", str(rate), "--duration", str(duration), "--stay"]
+                common += ["--realtime"] if realtime else []
+                with _watching(watched) if on else contextlib.nullcontext():
+                    reports[on] = _team(plain, watched if on else None, common, duration)
+            p99 = [read(reports[on]) for on in (False, True)]
             print(
                 f"round {number + 1} of {count}: tick p99 {p99[0]:.0f} and {p99[1]:.0f} us", file=sys.stderr
             )
             yield reports
 
 
-def _write_fleet(folder: Path, *, watched: bool) -> Path:
-    """The packaged fleet over UDP, on ports that are free now."""
+def _write_fleets(folder: Path) -> tuple[Path, Path]:
+    """The packaged fleet over UDP, on ports that are free now: plain, and watched."""
     (folder / "team.key").write_text(secrets.token_hex(32))
     (folder / "team.key").chmod(0o600)
     text = (DEFAULT_FLEET.parent / "udp.toml").read_text()
     for robot_id in range(4):
         text = text.replace(f"127.0.0.1:4700{robot_id}", f"127.0.0.1:{_free_port()}")
-    if watched:
-        text += f'\n[watch]\naddress = "127.0.0.1:{_free_port()}"\n'
-    path = folder / f"{'watched' if watched else 'plain'}.toml"
-    path.write_text(text)
-    return path
+    plain, watched = folder / "plain.toml", folder / "watched.toml"
+    plain.write_text(text)
+    watched.write_text(text + f'\n[watch]\naddress = "127.0.0.1:{_free_port()}"\n')
+    return plain, watched
 
 
-def _team(fleet: Path, rate: float, duration: float, *, recorded: bool, realtime: bool) -> list[dict]:
-    """Run the team once and return its reports."""
-    outputs = [fleet.parent / f"robot{robot_id}.json" for robot_id in range(4)]
-    common = ["--fleet", str(fleet), "--rate", str(rate), "--duration", str(duration), "--stay"]
-    common += ["--realtime"] if realtime else []
-    common += ["--log-dir", str(fleet.parent / "logs")] if recorded else ["--no-log"]
-    with _watching(fleet) if recorded else contextlib.nullcontext():
-        robots = [
-            _start("edge_runtime.run", "--robot-id", str(robot_id), *common, "--json", str(output))
-            for robot_id, output in enumerate(outputs)
-        ]
-        try:
-            codes = [robot.wait(timeout=duration + LONGEST_START_S) for robot in robots]
-        finally:
-            for robot in robots:
-                robot.kill()
-        if any(codes):
-            raise ConfigError(f"edge-run ended with exit codes {codes}")
-    return [json.loads(output.read_bytes()) for output in outputs]
+def _team(plain: Path, watched: Path | None, common: list[str], duration: float) -> dict:
+    """Run the team once, robot 0 recorded and watched if there is a file for that; return its report."""
+    output = plain.parent / "run.json"
+    unrecorded = ["--fleet", str(plain), "--no-log"]
+    judged = ["--fleet", str(watched), "--log-dir", str(plain.parent / "logs")] if watched else unrecorded
+    robots = [_start("edge_runtime.run", "--robot-id", "0", *judged, *common, "--json", str(output))]
+    robots += [_start("edge_runtime.run", "--robot-id", str(i), *unrecorded, *common) for i in (1, 2, 3)]
+    try:
+        codes = [robot.wait(timeout=duration + LONGEST_START_S) for robot in robots]
+    finally:
+        for robot in robots:
+            robot.kill()
+    if any(codes):
+        raise ConfigError(f"edge-run ended with exit codes {codes}")
+    return json.loads(output.read_bytes())
 
 
 @contextlib.contextmanager
@@ -174,7 +173,7 @@ def _start(module: str, *flags: str) -> subprocess.Popen:
 
 def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -> Row:
     read = QUANTITIES[quantity]
-    off, on = (np.array([np.median([read(r) for r in reports[way]]) for reports in rounds]) for way in (0, 1))
+    off, on = (np.array([read(reports[way]) for reports in rounds]) for way in (False, True))
     ratios = on / off
     return Row(
         quantity,
@@ -186,7 +185,7 @@ def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -
         float(np.median(ratios)),
         float(ratios.min()),
         float(ratios.max()),
-        sum(report["log"]["lost"] for reports in rounds for report in reports[True]),
+        sum(reports[True]["log"]["lost"] for reports in rounds),
     )
 
 
