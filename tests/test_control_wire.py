@@ -1,7 +1,7 @@
 """Orders and answers survive the way; nothing else passes for one."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.control_wire import (
@@ -41,6 +41,7 @@ def refusal(decode, packet):
     return caught.value.cause
 
 
+@settings(deadline=None)
 @given(order=orders)
 def test_orders_survive_the_way(order):
     found = decode_order(encode_order(order, KEY), KEY)
@@ -79,6 +80,7 @@ def test_what_holds_the_key_but_fits_no_frame_is_refused(order):
     assert refusal(decode_order, encode_order(order, KEY)) is Refusal.MALFORMED
 
 
+@settings(deadline=None)
 @given(junk=st.binary(max_size=200), magic=st.sampled_from([b"", ORDER_MAGIC, ANSWER_MAGIC]))
 def test_junk_is_refused(junk, magic):
     for decode in (decode_order, decode_answer):

@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from natnet.data_frame import DataFrame
 from natnet.packet_buffer import PacketBuffer
@@ -30,6 +30,7 @@ bodies = st.lists(
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@settings(deadline=None)
 @given(wanted=bodies, stamp_s=st.floats(0, 1e6), sets=st.integers(0, 3), unlabelled=st.integers(0, 4))
 def test_rigid_bodies_and_the_stamp_are_found_among_everything_else(
     version, wanted, stamp_s, sets, unlabelled
@@ -84,6 +85,7 @@ def test_a_cut_frame_is_one_error(version):
             read_frame(whole[:size], version)
 
 
+@settings(deadline=None)
 @given(payload=st.binary(max_size=300), version=st.sampled_from(VERSIONS))
 def test_junk_is_an_error_or_a_frame(payload, version):
     try:

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 from bundles import MANIFEST
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_fleet import mission, robot
 from test_fleet_udp import free_port
@@ -166,6 +166,7 @@ def test_commands_are_turned_into_the_frame_of_the_odometry(path, place, link):
     assert command.action == pytest.approx((-0.5, 1.0))
 
 
+@settings(deadline=None)
 @given(
     action=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
     velocity=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
@@ -179,6 +180,7 @@ def test_turning_keeps_the_speed_and_every_limit(action, velocity, angle):
     assert (complex(*command.action) * expected.conjugate()).imag == pytest.approx(0.0, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(
     frame=st.builds(
         StreamFrame, st.just(Kind.POSE), st.integers(0, 65535), longs, longs, longs, longs, numbers, values

@@ -1,7 +1,7 @@
 """One tick number for all: whatever the phases of the robots' grids, and whatever is lost between them."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.team_tick import TeamTick
@@ -19,6 +19,7 @@ def test_a_robot_alone_counts_its_periods_and_those_that_it_slept_through():
     assert numbers == [0, 1, 2, 3, 10]
 
 
+@settings(deadline=None)
 @given(
     phases=st.lists(shares, min_size=2, max_size=5),
     starts=st.lists(st.integers(0, 50), min_size=5),
