@@ -6,6 +6,7 @@ OLDEST ?= $(shell for p in python3.10 "$$HOME"/.pyenv/versions/3.10*/bin/python;
 	"$$p" -c "" 2>/dev/null && command -v "$$p" && break; done)
 OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
+WIRE := $(wildcard tests/test_guard*.py tests/test_can_*.py tests/test_mavlink_*.py)
 SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
 
 .PHONY: run test lint types unit budgets sil coverage fuzz socketcan chromium peers mutants oldest clean
@@ -22,8 +23,8 @@ lint: $(DEV)/ready
 types: $(DEV)/ready
 	$(DEV)/bin/mypy
 
-unit: $(DEV)/ready socketcan chromium peers
-	$(DEV)/bin/python -m pytest
+unit: $(DEV)/ready socketcan chromium  ## All tests but those that `coverage` runs
+	$(DEV)/bin/python -m pytest $(addprefix --ignore=,$(WIRE))
 
 budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m benchmarks latency --short
@@ -44,8 +45,8 @@ else
 	@$(MAKE) --no-print-directory $(PEERS)/.ready
 endif
 
-coverage: $(DEV)/ready  ## Every line and branch of the guard and both codecs is run by their own tests
-	OMP_NUM_THREADS=1 $(DEV)/bin/python -m coverage run -m pytest tests/test_guard*.py tests/test_can_*.py tests/test_mavlink_*.py
+coverage: $(DEV)/ready peers  ## Every line and branch of the guard and both codecs is run by their own tests
+	OMP_NUM_THREADS=1 $(DEV)/bin/python -m coverage run -m pytest $(WIRE)
 	$(DEV)/bin/python -m coverage report
 
 fuzz: $(DEV)/ready  ## A million malformed or random frames at each decoder; CI sends fewer
