@@ -5,16 +5,18 @@ While exploring, each of the T Euler steps adds a little noise,
     a_(k+1) = a_k + v(a_k, k / T | o) / T + sigma z,   z ~ N(0, I),
 
 so that the chain has an exact Gaussian density; its log-ratio is summed over the steps and limited by
-PPO's clip. The deployed policy adds nothing. Related: DPPO, ReinFlow, Flow-GRPO.
+PPO's clip. sigma is learned: training needs less of it as the policy gets better. The deployed policy adds
+nothing. Related: DPPO, ReinFlow, Flow-GRPO.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from export.algorithm import TrainingSettings
-from export.networks import FlowNetwork
+from export.networks import Actor, FlowNetwork
 from export.precision import half_precision
 
 
@@ -24,11 +26,25 @@ class ChainSettings:
 
     euler_steps: int = 10
     step_noise: float = 0.15
-    """sigma, in units of the action, at each Euler step."""
+    """sigma when training starts, in units of the action, at each Euler step."""
     clip: float = 0.2
     """Half-width of PPO's trust region for the chain's ratio."""
     half_precision: bool = True
     """Compute likelihoods in bfloat16 where the processor is faster so."""
+
+
+class NoisyFlow(Actor):
+    """A flow, and the deviation of the noise that its chain explores with."""
+
+    def __init__(self, observation_dim: int, action_dim: int, step_noise: float) -> None:
+        flow = FlowNetwork(observation_dim, action_dim)
+        super().__init__(observation_dim, action_dim, flow.hidden, flow.activation)
+        self.flow, self.moments = flow, flow.moments
+        self.log_step_noise = nn.Parameter(torch.full((action_dim,), math.log(step_noise)))
+
+    def as_flow(self) -> FlowNetwork:
+        """The flow without the noise."""
+        return self.flow
 
 
 class MafpoChain:
@@ -40,27 +56,29 @@ class MafpoChain:
     def __init__(self, observation_dim: int, action_dim: int) -> None:
         self.flow = ChainSettings()
         self.euler_steps = self.flow.euler_steps
-        self.actor = FlowNetwork(observation_dim, action_dim)
+        self.actor = NoisyFlow(observation_dim, action_dim, self.flow.step_noise)
 
     def explore(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Sample noisy chains; the trace holds all T + 1 points."""
         shape = (self.euler_steps + 1, *observation.shape[:-1], self.actor.action_dim)
         noise = torch.randn(shape, generator=generator, device=observation.device)
-        context, chain = self.actor.context(observation), [noise[0]]
+        field, step_noise = self.actor.flow, self.actor.log_step_noise.exp()
+        context, chain = field.context(observation), [noise[0]]
         for k in range(self.euler_steps):
-            velocity = self.actor.velocity(context, chain[-1], noise.new_full((1,), k / self.euler_steps))
-            chain.append(chain[-1] + velocity / self.euler_steps + self.flow.step_noise * noise[k + 1])
+            velocity = field.velocity(context, chain[-1], noise.new_full((1,), k / self.euler_steps))
+            chain.append(chain[-1] + velocity / self.euler_steps + step_noise * noise[k + 1])
         return chain[-1], torch.stack(chain, -2).flatten(-2)
 
     def log_likelihood(self, observation: Tensor, action: Tensor, trace: Tensor) -> Tensor:
         """Log-density of the chain's T transitions, less its constant; the action is the chain's end."""
         chain = trace.unflatten(-1, (self.euler_steps + 1, action.shape[-1]))
         tau = torch.arange(self.euler_steps, device=chain.device)[:, None] / self.euler_steps
+        field, log_step_noise = self.actor.flow, self.actor.log_step_noise
         with half_precision(chain.device, wanted=self.flow.half_precision):
-            context = self.actor.context(observation)[..., None, :]
-            velocity = self.actor.velocity(context, chain[..., :-1, :], tau).float()
-        residual = chain.diff(dim=-2) - velocity / self.euler_steps
-        return -residual.square().sum((-2, -1)) / (2 * self.flow.step_noise**2)
+            context = field.context(observation)[..., None, :]
+            velocity = field.velocity(context, chain[..., :-1, :], tau).float()
+        residual = (chain.diff(dim=-2) - velocity / self.euler_steps) / log_step_noise.exp()
+        return -(0.5 * residual.square() + log_step_noise).sum((-2, -1))
 
     def ratio(self, new: Tensor, old: Tensor) -> Tensor:
         """Ratio of the chains' densities."""
@@ -73,4 +91,4 @@ class MafpoChain:
 
     def act(self, observation: Tensor, start: Tensor) -> Tensor:
         """T Euler steps from ``start``, with no noise on the way."""
-        return self.actor.sample(observation, start, self.euler_steps)
+        return self.actor.flow.sample(observation, start, self.euler_steps)

@@ -19,12 +19,12 @@ def test_log_likelihood_is_the_density_of_the_chains_transitions():
     algorithm.flow = replace(algorithm.flow, half_precision=False)
     observation = torch.randn(32, 18)
     action, trace = algorithm.explore(observation, torch.Generator().manual_seed(0))
-    chain, steps, sigma = trace.view(32, 11, 2), 10, algorithm.flow.step_noise
+    chain, steps, sigma = trace.view(32, 11, 2), 10, algorithm.actor.log_step_noise.exp()
     density = torch.zeros(32)
     for k in range(steps):
-        velocity = algorithm.actor(chain[:, k], torch.full((32, 1), k / steps), observation)
+        velocity = algorithm.actor.flow(chain[:, k], torch.full((32, 1), k / steps), observation)
         density += Normal(chain[:, k] + velocity / steps, sigma).log_prob(chain[:, k + 1]).sum(-1)
-    constant = steps * Normal(torch.zeros(2), sigma).log_prob(torch.zeros(2)).sum()
+    constant = steps * Normal(torch.zeros(2), 1.0).log_prob(torch.zeros(2)).sum()
     torch.testing.assert_close(algorithm.log_likelihood(observation, action, trace), density - constant)
     assert torch.equal(chain[:, -1], action)
 
@@ -40,7 +40,7 @@ def test_half_precision_moves_a_log_likelihood_by_far_less_than_an_update_does()
 
 def test_without_step_noise_it_explores_as_deployed():
     algorithm = algorithm_with_weights()
-    algorithm.flow = replace(algorithm.flow, step_noise=0.0)
+    algorithm.actor.log_step_noise.data.fill_(-torch.inf)
     observation = torch.randn(32, 18)
     action, trace = algorithm.explore(observation, torch.Generator().manual_seed(0))
     torch.testing.assert_close(action, algorithm.act(observation, trace[:, :2]))

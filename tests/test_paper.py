@@ -203,7 +203,7 @@ def test_a_shield_reaches_the_safe_set_of_one_objective_at_the_nearest_action():
 
 def test_a_shield_leaves_safe_actions_alone():
     action, guide, outlooks = scene()
-    moved = shield(ShieldSettings(), action, guide, outlooks)
+    moved = shield(ShieldSettings(rounds=20), action, guide, outlooks)
     safe = costs(action, guide, outlooks) == 0.0
     assert safe.any()
     assert np.array_equal(moved[safe], action[safe])

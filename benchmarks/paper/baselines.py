@@ -32,7 +32,7 @@ class DescentSettings(msgspec.Struct, frozen=True, kw_only=True):
 class ShieldSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Constants of shielding."""
 
-    rounds: int = 20
+    rounds: int = 1
     """Of projections onto every objective's safe set in turn."""
 
 

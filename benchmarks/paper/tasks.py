@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 from benchmarks.paper.judges import BalanceJudge, Judge, NavigationJudge, SamplingJudge
 from edge_runtime.objectives import Objective
-from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
+from export.scenarios.definitions import (
+    BALANCE,
+    NAVIGATION,
+    SAMPLING,
+    BalanceDefinition,
+    NavigationDefinition,
+    SamplingDefinition,
+)
 
 
 @dataclass(frozen=True)
@@ -35,41 +42,49 @@ class Task:
     """Nominal, first and second execution objective."""
 
 
-TASKS = {
-    task.name: task
-    for task in (
-        Task(
-            "navigation",
-            NAVIGATION.objectives,
-            NAVIGATION.steps,
-            lambda episodes: NavigationJudge(episodes, NAVIGATION),
-            (
-                Metric("navigation_success", "navigation success", "%", 100.0, higher_is_better=True),
-                Metric("speeding_violation", "speeding violation", "%", 100.0),
-                Metric("margin_violation", "margin violation", "%", 100.0),
-            ),
-        ),
-        Task(
-            "balance",
-            BALANCE.objectives,
-            BALANCE.steps,
-            lambda episodes: BalanceJudge(episodes, BALANCE),
-            (
-                Metric("payload_distance", "payload distance", "m", 1.0),
-                Metric("order_violation", "order violation", "%", 100.0),
-                Metric("spacing_stddev", "spacing deviation", "m", 1.0),
-            ),
-        ),
-        Task(
-            "sampling",
-            SAMPLING.objectives,
-            SAMPLING.steps,
-            lambda episodes: SamplingJudge(episodes, SAMPLING),
-            (
-                Metric("mean_samples", "mean samples", "1", 1.0, higher_is_better=True),
-                Metric("geofencing_violation", "geofencing violation", "%", 100.0),
-                Metric("cluster_rmse", "cluster RMSE", "m", 1.0),
-            ),
+def navigation(definition: NavigationDefinition) -> Task:
+    """Navigation as defined."""
+    return Task(
+        "navigation",
+        definition.objectives,
+        definition.steps,
+        lambda episodes: NavigationJudge(episodes, definition),
+        (
+            Metric("navigation_success", "navigation success", "%", 100.0, higher_is_better=True),
+            Metric("speeding_violation", "speeding violation", "%", 100.0),
+            Metric("margin_violation", "margin violation", "%", 100.0),
         ),
     )
-}
+
+
+def balance(definition: BalanceDefinition) -> Task:
+    """Balance as defined."""
+    return Task(
+        "balance",
+        definition.objectives,
+        definition.steps,
+        lambda episodes: BalanceJudge(episodes, definition),
+        (
+            Metric("payload_distance", "payload distance", "m", 1.0),
+            Metric("order_violation", "order violation", "%", 100.0),
+            Metric("spacing_stddev", "spacing deviation", "m", 1.0),
+        ),
+    )
+
+
+def sampling(definition: SamplingDefinition) -> Task:
+    """Sampling as defined."""
+    return Task(
+        "sampling",
+        definition.objectives,
+        definition.steps,
+        lambda episodes: SamplingJudge(episodes, definition),
+        (
+            Metric("mean_samples", "mean samples", "1", 1.0, higher_is_better=True),
+            Metric("geofencing_violation", "geofencing violation", "%", 100.0),
+            Metric("cluster_rmse", "cluster RMSE", "m", 1.0),
+        ),
+    )
+
+
+TASKS = {task.name: task for task in (navigation(NAVIGATION), balance(BALANCE), sampling(SAMPLING))}

@@ -1,0 +1,191 @@
+"""Choosing what the paper leaves open on the baselines alone, before CFPG is evaluated.
+
+Every candidate definition of a task is played by MAPPO+PGD and MAPPO+SHLD with their default settings; the
+one whose figures come nearest to the paper's own rows of the two, in units of `SCALES`, is the one to
+freeze in ``export/scenarios/definitions.py``:
+
+    python -m benchmarks.paper.calibration navigation --policies runs
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from itertools import product
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import torch
+from msgspec import structs
+
+from benchmarks.paper.baselines import DescentSettings, ShieldSettings
+from benchmarks.paper.contestants import descent, shielded
+from benchmarks.paper.episodes import Setting, run_episodes
+from benchmarks.paper.judges import Flags, Judge, Outcome
+from benchmarks.paper.policies import POLICIES, load_policy
+from benchmarks.paper.tables import markdown
+from benchmarks.paper.tasks import Task, balance, navigation, sampling
+from edge_runtime.bundle import Bundle
+from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
+from export.scenarios.scenario import Scenario, Transition
+
+SETTING = Setting(episodes=100, seed=800)
+RESULTS = Path(__file__).parents[1] / "results"
+PAPER = {
+    "navigation": ((89.70, 0.03, 33.54, 59.64), (47.90, 0.00, 1.30, 47.32)),
+    "balance": ((0.8219, 67.30, 0.2658, 1.30), (1.2193, 47.40, 0.1249, 3.60)),
+    "sampling": ((124.37, 33.13, 0.1462, 50.80), (90.42, 14.20, 0.0908, 60.20)),
+}
+"""Tables II and III: three metrics and multi-objective success, of MAPPO+PGD and of MAPPO+SHLD."""
+SCALES = {
+    "navigation": (25.0, 25.0, 25.0, 25.0),
+    "balance": (0.5, 25.0, 0.1, 25.0),
+    "sampling": (30.0, 25.0, 0.05, 25.0),
+}
+"""Differences that count as one."""
+
+
+class Candidate(msgspec.Struct, frozen=True):
+    """A definition's figures beside the paper's."""
+
+    label: str
+    descent: tuple[float, ...]
+    shield: tuple[float, ...]
+    distance: float
+
+
+class Panel:
+    """Several judges of the same episodes, which last until the last of them has seen enough.
+
+    Its outcome has a column for each judge.
+    """
+
+    def __init__(self, judges: Sequence[Judge]) -> None:
+        self._judges = judges
+
+    @property
+    def running(self) -> Flags:
+        """(E,): episodes that are not over for some judge."""
+        return np.any([judge.running for judge in self._judges], axis=0)
+
+    def add(self, world: Scenario, transition: Transition) -> None:
+        """Show a control step to all."""
+        for judge in self._judges:
+            judge.add(world, transition)
+
+    def outcome(self) -> Outcome:
+        """All outcomes side by side, (E, J)."""
+        outcomes = [judge.outcome() for judge in self._judges]
+        names = [field.name for field in fields(Outcome)]
+        return Outcome(*(np.stack([getattr(one, name) for one in outcomes], 1) for name in names))
+
+
+Group = list[tuple[str, Task]]
+"""Definitions that ask the same of the robots and judge it differently, by their labels."""
+
+
+def navigation_groups() -> Iterator[Group]:
+    """Speed limits, margins and time limits, each with several tolerances."""
+    for limit, margin, steps in product((0.2, 0.3), (0.25, 0.3, 0.35, 0.4), (100, 200)):
+        asked = replace(
+            NAVIGATION,
+            speed_limit=structs.replace(NAVIGATION.speed_limit, limit_m_s=limit),
+            safety_margin=structs.replace(NAVIGATION.safety_margin, distance_m=margin),
+            steps=steps,
+        )
+        label = f"limit {limit} m/s, margin {margin} m, {steps} steps"
+        yield [
+            (f"{label}, tolerance {share:.0%}", navigation(replace(asked, tolerance=share)))
+            for share in (0.01, 0.05, 0.1, 0.25, 0.5)
+        ]
+
+
+def balance_groups() -> Iterator[Group]:
+    """Spacings and time limits, each with several tolerances."""
+    for spacing, steps in product((0.1, 0.12, 0.15), (200, 300, 400)):
+        asked = replace(BALANCE, spacing=structs.replace(BALANCE.spacing, distance_m=spacing), steps=steps)
+        label = f"spacing {spacing} m, {steps} steps"
+        yield [
+            (f"{label}, tolerance {off} m", balance(replace(asked, spacing_tolerance_m=off)))
+            for off in (0.01, 0.02, 0.03, 0.05)
+        ]
+
+
+def sampling_groups() -> Iterator[Group]:
+    """Fences, cluster radii and lengths of episodes, each with several tolerances."""
+    for fence, buffer, radius, steps in product((0.2, 0.3), (0.02, 0.05), (0.2, 0.3), (100, 150, 200)):
+        asked = replace(
+            SAMPLING,
+            geofence=structs.replace(SAMPLING.geofence, radius_m=fence, buffer_m=buffer),
+            clustering=structs.replace(SAMPLING.clustering, radius_m=radius),
+            steps=steps,
+        )
+        label = f"fence {fence} + {buffer} m, cluster {radius} m, {steps} steps"
+        yield [
+            (
+                f"{label}, {enough:g} samples, tolerance {share:.0%} and {off} m",
+                sampling(replace(asked, enough_samples=enough, tolerance=share, cluster_tolerance_m=off)),
+            )
+            for enough, share, off in product((0.4 * steps, 0.6 * steps), (0.05, 0.25), (0.1, 0.15))
+        ]
+
+
+GROUPS = {"navigation": navigation_groups, "balance": balance_groups, "sampling": sampling_groups}
+
+
+def weigh(group: Group, bundle: Bundle) -> list[Candidate]:
+    """Play what a group asks by both baselines, once for all its definitions."""
+    task = replace(group[0][1], judge=lambda count: Panel([task.judge(count) for _, task in group]))
+    baselines = (descent(task, DescentSettings()), shielded(task, ShieldSettings()))
+    played = [_figures(task, run_episodes(task, who.make(bundle), SETTING)) for who in baselines]
+    return [
+        Candidate(label, *figures, distance(task.name, figures))
+        for (label, _), *figures in zip(group, *played, strict=True)
+    ]
+
+
+def distance(task: str, figures: Sequence[Sequence[float]]) -> float:
+    """Root mean square difference from the paper's rows, in units of `SCALES`."""
+    off = (np.array(figures) - np.array(PAPER[task])) / np.array(SCALES[task])
+    return float(np.sqrt(np.square(off).mean()))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Weigh all candidates of a task; writes them with the nearest first."""
+    options = _parse(arguments)
+    torch.set_num_threads(1)
+    bundle = load_policy(options.policies, options.task, "mappo", seed=0)
+    weighed: list[Candidate] = []
+    for group in GROUPS[options.task]():
+        weighed += weigh(group, bundle)
+        print(f"{weighed[-1].label}: {weighed[-1].distance:.2f}", file=sys.stderr, flush=True)
+    weighed.sort(key=lambda candidate: candidate.distance)
+    path = RESULTS / f"calibration_{options.task}.json"
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(weighed), indent=1) + b"\n")
+    lines = [[c.label, _cells(c.descent), _cells(c.shield), f"{c.distance:.2f}"] for c in weighed[:10]]
+    print(markdown(["definition", "MAPPO+PGD", "MAPPO+SHLD", "distance"], lines))
+    return 0
+
+
+def _figures(task: Task, outcome: Outcome) -> list[tuple[float, ...]]:
+    """Each judge's four figures, as in the paper's tables."""
+    factors = np.array([*(metric.factor for metric in task.metrics), 100.0])
+    columns = (outcome.nominal, outcome.first, outcome.second, outcome.satisfied)
+    table = factors[:, None] * np.array([column.mean(0) for column in columns])
+    return [tuple(figures) for figures in table.T.tolist()]
+
+
+def _cells(figures: Sequence[float]) -> str:
+    return ", ".join(f"{value:.3g}" for value in figures)
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.calibration", description=__doc__)
+    parser.add_argument("task", choices=list(GROUPS))
+    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
