@@ -44,8 +44,8 @@ PICTURES = {
     picture.task: picture
     for picture in (
         Picture("navigation", "navigation", GuidanceSettings(mode="terminal"), 12.0),
-        Picture("balance", "", GuidanceSettings(mode="terminal"), 20.0),
-        Picture("sampling", "", GuidanceSettings(mode="terminal"), 15.0),
+        Picture("balance", "balance", GuidanceSettings(mode="none", scale=2.0), 30.0),
+        Picture("sampling", "sampling", GuidanceSettings(mode="terminal"), 15.0),
     )
 }
 

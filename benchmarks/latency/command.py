@@ -75,12 +75,12 @@ def _run_full(out: Path) -> tuple[list[Row], int]:
     _, small, small_noise = _quiet_case(SMALL, list(CONTENDERS), rounds=15, slot_s=0.1)
     swept = [_quiet_case(case, SWEPT, rounds=5, slot_s=0.08) for case in _cases()]
     rows = [row for _, rows, _ in swept for row in rows]
+    swept_noise = [reason for _, _, reasons in swept for reason in reasons]
     growths = [grow(sweep, rows, SWEPT) for sweep in SWEEPS]
     outcomes = [paced.measure(variant) for variant in paced.variants(["eager", "numpy", "compiled"], 5.0)]
     result = page.Result(
         machine=machine_now,
-        noise=[*noise, *small_noise, *(reason for _, _, noise in swept for reason in noise)]
-        + machine.wake_noise(machine_now),
+        noise=[*noise, *small_noise, *swept_noise, *machine.wake_noise(machine_now)],
         default=default,
         verdicts=verdicts,
         small=small,

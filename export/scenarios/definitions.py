@@ -85,9 +85,9 @@ BALANCE = BalanceDefinition(
 )
 SAMPLING = SamplingDefinition(
     geofence=Geofence(centre_m=(0.0, 0.0), radius_m=0.3),
-    clustering=Clustering(radius_m=0.3),
-    steps=100,
-    enough_samples=50.0,
-    tolerance=0.05,
-    cluster_tolerance_m=0.1,
+    clustering=Clustering(radius_m=0.2),
+    steps=150,
+    enough_samples=60.0,
+    tolerance=0.25,
+    cluster_tolerance_m=0.15,
 )
