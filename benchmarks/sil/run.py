@@ -38,7 +38,7 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
         )
         report = (folder / "report.json").read_bytes()
         if not report:
-            raise BridgeError(f"{case.name}: {done.stderr.strip()}")
+            raise BridgeError(done.stderr.strip().splitlines()[-1])
         return msgspec.json.decode(report, type=SilReport)
 
 

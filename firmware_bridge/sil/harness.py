@@ -28,6 +28,8 @@ PACKAGE = "firmware_bridge.sil"
 STARTING_S = 30.0
 STARTING_A_ROBOT_S = 3.0
 """Longest wait until all robots drive: so long, and so much more for each."""
+APART_S = 0.5
+"""Between two robots' starts: a runtime that starts takes a core, and those that drive have deadlines."""
 LOOK_S = 0.05
 """How often the harness looks whether everybody is alive."""
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -102,7 +104,7 @@ class Harness:
         if scenario.relays:
             ports = {station.robot_id: station.port for station in scenario.stations}
             lines = tuple(Line(robot_id, port, ports[robot_id]) for robot_id, port in scenario.relays)
-            spec = RelaySpec(lines, scenario.faults, seed=0)
+            spec = RelaySpec(lines, scenario.faults, seed=0, realtime=scenario.request.realtime)
             helpers.append(self._start("relay", "relay", self._write("relay", spec)))
         for index, fault in enumerate(scenario.faults):
             match fault:
@@ -120,6 +122,8 @@ class Harness:
         for station in self._scenario.stations:
             arguments = robot_arguments(self._scenario, station)
             self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, ONE_THREAD)
+            self._look()
+            time.sleep(APART_S)
 
     def _start(self, name: str, module: str, *arguments: str, answers: bool = False) -> Child:
         return self._crew.start(name, f"{PACKAGE}.{module}", arguments, ONE_THREAD, answers=answers)

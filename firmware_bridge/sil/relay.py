@@ -15,6 +15,7 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.realtime import enter_realtime
 from edge_runtime.signals import StopSignals
 from firmware_bridge.sil.faults import (
     AnyFault,
@@ -47,6 +48,8 @@ class RelaySpec(msgspec.Struct, frozen=True):
     lines: tuple[Line, ...]
     faults: tuple[AnyFault, ...]
     seed: int
+    realtime: bool
+    """Scheduled like the robots: a network does not wait for a processor."""
 
 
 class Disturbance:
@@ -156,6 +159,8 @@ def main(arguments: list[str]) -> int:
     started.register(sys.stdin, selectors.EVENT_READ)
     t0_s = float("inf")
     with StopSignals() as signals:
+        if spec.realtime:
+            enter_realtime()
         while not signals.reason:
             if t0_s == float("inf") and started.select(0):
                 t0_s = await_start()
