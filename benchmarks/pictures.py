@@ -19,13 +19,13 @@ from edge_runtime.bundle import Bundle, packaged_bundle
 from edge_runtime.errors import ConfigError
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
-from edge_runtime.report_page.animation import Scene, animate, check_target
+from edge_runtime.report_page.animation import Load, Scene, animate, check_target
 from edge_runtime.report_page.arena import Circle
 from edge_runtime.scene import Floats
+from export.scenarios.balance_starts import LINE_LENGTH_M, PACKAGE_RADIUS_M
 from export.scenarios.scenario import Scenario
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
-DEFAULT = "navigation"
 SETTING = Setting(episodes=10, seed=3)
 
 
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     """Draw the pictures that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks pictures", description=__doc__)
     parser.add_argument("tasks", nargs="*", metavar="TASK",
-                        help=f"any of {', '.join(PICTURES)} (default: {DEFAULT})")  # fmt: skip
+                        help=f"any of {', '.join(PICTURES)} (default: all)")  # fmt: skip
     parser.add_argument(
         "--policies", type=Path, default=POLICIES, metavar="DIR", help="bundles of the tables"
     )
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str]) -> int:
     if unknown := [name for name in options.tasks if name not in PICTURES]:
         raise ConfigError(f"unknown task {unknown[0]!r}: choose from {', '.join(PICTURES)}")
     options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.tasks or [DEFAULT]:
+    for name in options.tasks or PICTURES:
         path = options.out / f"{name}.gif"
         check_target(path)
         draw(PICTURES[name], options.policies, path)
@@ -104,14 +104,34 @@ class _Tracks:
         self.position: list[Floats] = []
         self.velocity: list[Floats] = []
         self.goals: Floats | None = None
+        self.package: list[Floats] = []
+        self.beam: list[Floats] = []
 
     def watch(self, world: Scenario) -> None:
-        """Note where everybody is."""
+        """Note where everybody is, and what they carry."""
         position, velocity = motion(world)
-        if not self.position and "goal" in (state := world.state_dict()):
+        state = world.state_dict()
+        if not self.position and "goal" in state:
             self.goals = state["goal"].double().numpy().copy()
+        if "line" in state:
+            self.package.append(state["package"].double().numpy())
+            self.beam.append(_beam_ends(state["line"].double().numpy(), state["line_angle"].double().numpy()))
         self.position.append(position.copy())
         self.velocity.append(velocity.copy())
+
+
+def _beam_ends(centre: Floats, angle: Floats) -> Floats:
+    """Both ends (E, 2, 2) of beams with centres (E, 2) and inclinations (E, 1)."""
+    half = 0.5 * LINE_LENGTH_M * np.concatenate([np.cos(angle), np.sin(angle)], -1)
+    return np.stack([centre - half, centre + half], 1)
+
+
+def _load(tracks: _Tracks, shown: int, episode: int) -> Load | None:
+    if tracks.goals is None or not tracks.beam:
+        return None
+    package, beam = (np.stack(each)[:shown, episode] for each in (tracks.package, tracks.beam))
+    x, y = tracks.goals[episode].tolist()
+    return Load(package, PACKAGE_RADIUS_M, beam, (x, y))
 
 
 def _follow(picture: Picture, make: MakeDecide, setting: Setting) -> tuple[np.ndarray, _Tracks]:
@@ -135,6 +155,7 @@ def _scene(picture: Picture, bundle: Bundle, title: str, tracks: _Tracks, episod
         radius_m=manifest.body.radius_m,
         speed_limit_m_s=min((each.limit_m_s for each in asked if isinstance(each, SpeedLimit)), default=None),
         margin_m=max((each.distance_m for each in asked if isinstance(each, SafetyMargin)), default=None),
+        load=_load(tracks, shown, episode),
         circles=[
             Circle(each.centre_m, each.radius_m, each.name) for each in asked if isinstance(each, Geofence)
         ],

@@ -32,6 +32,18 @@ COLOURS: Final = 64
 
 
 @dataclass(frozen=True)
+class Load:
+    """What a team carries: a package on a beam, to be brought to a place."""
+
+    package_m: Floats
+    """(T, 2)"""
+    radius_m: float
+    beam_m: Floats
+    """(T, 2, 2): both ends."""
+    target_m: Vector2
+
+
+@dataclass(frozen=True)
 class Scene:
     """One team over T equal periods."""
 
@@ -47,6 +59,7 @@ class Scene:
     speed_limit_m_s: float | None = None
     margin_m: float | None = None
     circles: Sequence[Circle] = ()
+    load: Load | None = None
 
 
 def check_target(path: Path) -> None:
@@ -115,9 +128,11 @@ def _write_gif(frames: list[Any], path: Path, hold_ms: int) -> None:
 
 def _frame(panels: Sequence["_Panel"], scenes: Sequence[Scene]) -> None:
     """Show the same place at the same scale on all panels."""
-    everywhere = np.concatenate(
-        [np.reshape(points, (-1, 2)) for scene in scenes for points in (scene.position_m, scene.goals_m)]
-    )
+    seen = [points for scene in scenes for points in (scene.position_m, scene.goals_m)]
+    seen += [
+        points for scene in scenes if scene.load for points in (scene.load.beam_m, [scene.load.target_m])
+    ]
+    everywhere = np.concatenate([np.reshape(points, (-1, 2)) for points in seen])
     low, high = np.nanmin(everywhere, 0), np.nanmax(everywhere, 0)
     middle, half = 0.5 * (low + high), 0.5 * float((high - low).max()) + 2.0 * scenes[0].radius_m
     for panel in panels:
@@ -153,6 +168,9 @@ class _Panel:
         self._discs = [disc((0, 0), scene.radius_m) for _ in range(robots)]
         for patch in (*self._margins, *self._discs):
             axes.add_patch(patch)
+        (self._beam,) = axes.plot([], [], color="#5b6875", linewidth=2.0)
+        self._package = disc((0, 0), scene.load.radius_m if scene.load else 0.0, facecolor="#b42318")
+        axes.add_patch(self._package)
         self._stand_still()
 
     def _stand_still(self) -> None:
@@ -161,6 +179,8 @@ class _Panel:
             axes.plot(x, y, "x", color=SERIES[robot % len(SERIES)], markersize=7, markeredgewidth=2)
         for circle in scene.circles:
             axes.add_patch(disc(circle.centre_m, circle.radius_m, fill=False, edgecolor=OVER, linestyle="--"))
+        if scene.load:
+            axes.plot(*scene.load.target_m, "s", color="#2e7d32", markersize=9)
         axes.set_aspect("equal")
         axes.set_xticks([])
         axes.set_yticks([])
@@ -186,6 +206,9 @@ class _Panel:
             )
             body.set_edgecolor(SERIES[robot % len(SERIES)])
             body.set_linewidth(1.6)
+        if scene.load:
+            self._beam.set_data(*scene.load.beam_m[row].T)
+            self._package.set(center=scene.load.package_m[row])
         self.axes.set_title(f"{scene.title}   {min(time_s, (last + 1) * scene.period_s):4.1f} s", fontsize=10)
         self.axes.set_xlabel(self._verdict(row), fontsize=9)
 
