@@ -1,4 +1,4 @@
-"""Arrivals by the kernel's stamps: a late receiver sees how long a packet waited, whatever the clock is set to."""
+"""Arrivals by the kernel's stamps: a late receiver sees how long a packet waited, whatever its clock says."""
 
 import socket
 import struct
