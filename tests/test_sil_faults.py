@@ -65,7 +65,11 @@ def test_a_timeline_is_read_in_the_order_of_its_times(tmp_path):
         ('kind = "kill"\nat_s = 1.0\nrobot = 1\nhow = "hard"', r"fault\[0\].how: unknown key; allowed: "),
         ('kind = "kill"\nat_s = 1.0\nrobot = 1\npart = "leg"', r"fault\[0\].part: .*'runtime', 'guard'"),
         ('kind = "kill"\nat_s = 1.0\nrobot = 7', r"fault\[0\]: no robot has id 7; known: 0, 1, 2"),
-        ('kind = "kill"\nat_s = -1.0\nrobot = 1', r"`at_s` must not be negative"),
+        ('kind = "kill"\nat_s = -1.0\nrobot = 1', r"`at_s` must lie in"),
+        (
+            'kind = "cpu_hog"\nat_s = 1.0\nfor_s = 1.0\nprocesses = 100000',
+            r"`processes` must lie in \[1, 64\]",
+        ),
         ('kind = "kill"\nat_s = 10.0\nrobot = 1', r"at_s: 10 s is not within the run of 10 s"),
         ('kind = "kill"\nat_s = nan\nrobot = 1', r"at_s: must be a finite number"),
         ('kind = "loss"\nat_s = 1.0\nfor_s = 1.0\nshare = 1.5', r"`share` must lie in \[0, 1\]"),

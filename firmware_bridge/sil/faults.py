@@ -10,6 +10,10 @@ import msgspec
 from edge_runtime.config import load_steering
 from edge_runtime.toml_file import Table, read_toml, refuse, to_record
 
+MOST_HOGS: Final = 64
+LARGEST: Final = 1e7
+"""Of any number in a timeline: four months, or ten million frames."""
+
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """Base of every fault; times count from the moment at which all robots drive."""
@@ -19,8 +23,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
             value = getattr(self, field)
-            if isinstance(value, (int, float)) and (not math.isfinite(value) or value < 0):
-                raise ValueError(f"`{field}` must not be negative, got {value:g}")
+            if isinstance(value, (int, float)) and not 0 <= value <= LARGEST:
+                raise ValueError(f"`{field}` must lie in [0, {LARGEST:g}], got {value:g}")
 
     @property
     def kind(self) -> str:
@@ -92,6 +96,11 @@ class CpuHog(Lasting, frozen=True, kw_only=True, tag="cpu_hog"):
     """Processes that compute without end, of ordinary priority."""
 
     processes: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.processes <= MOST_HOGS:
+            raise ValueError(f"`processes` must lie in [1, {MOST_HOGS}], got {self.processes}")
 
 
 class ClockJump(Fault, frozen=True, kw_only=True, tag="clock_jump"):
