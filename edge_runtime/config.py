@@ -14,6 +14,7 @@ from edge_runtime.guide import GuidanceSettings
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.toml_file import Table, parse_toml, read_toml, refuse, to_record
+from edge_runtime.zenoh_settings import check_zenoh
 
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""
@@ -99,6 +100,7 @@ def load_fleet(path: Path) -> Fleet:
         if robot_id in ids[:index]:
             refuse(path, f"robots[{index}].id", f"{robot_id} is taken by robots[{ids.index(robot_id)}]")
     check_network(path, tables.carrier, tables.watch, tables.robots)
+    check_zenoh(path, tables.carrier, tables.robots)
     steering = Steering(_objectives(tables.objectives, path), tables.guidance)
     return Fleet(path, tables.team, tables.robots, steering, tables.carrier, tables.watch)
 

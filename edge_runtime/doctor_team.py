@@ -1,4 +1,4 @@
-"""Checks of the team's network; no packet is sent."""
+"""Checks of the team's network; nothing is sent but what connects and leaves a Zenoh session."""
 
 import socket
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from functools import partial
 
 from edge_runtime.checkup import Finding, examine, fail, ok
 from edge_runtime.fleet import Alone, open_fleet
-from edge_runtime.fleet_settings import Endpoint, endpoint
+from edge_runtime.fleet_settings import Endpoint, Robot, endpoint
 from edge_runtime.mission import Mission
 
 
@@ -30,27 +30,31 @@ def membership(mission: Mission) -> Finding:
         pass
     if mission.fleet.carrier is None:
         return ok("the only robot of its fleet")
-    address = mission.fleet.robot(mission.robot_id).address
-    return ok(f"{address} is this machine's and free, the key {mission.fleet.carrier.key} is readable")
+    robot, carrier = mission.fleet.robot(mission.robot_id), mission.fleet.carrier
+    places = " and ".join(filter(None, (robot.address, robot.zenoh)))
+    router = f", router {carrier.router} answers" if carrier.router else ""
+    return ok(f"{places}: this machine's and free, the key {carrier.key} is readable{router}")
 
 
 def neighbours(mission: Mission) -> Finding:
     """Whether every robot that this one listens to lies on a network that its own address reaches."""
     fleet = mission.fleet
     own = fleet.robot(mission.robot_id)
+    if fleet.carrier and fleet.carrier.router:
+        return ok(f"the router {fleet.carrier.router} leads to them")
     wanted = own.neighbours
     others = [r for r in fleet.robots if r.id != own.id and (wanted is None or r.id in wanted)]
-    lost = {
-        other.id: cause
-        for other in others
-        if (cause := _unreachable(endpoint(own.address or ""), endpoint(other.address or "")))
-    }
+    lost = {other.id: cause for other in others if (cause := _unreachable(_place(own), _place(other)))}
     if lost:
         told = ", ".join(f"robot {robot_id} ({cause})" for robot_id, cause in lost.items())
         return fail(f"no route to {told}", "check the network, and `address` in the fleet file")
-    return ok(
-        f"routes lead to all {len(others)}: {', '.join(str(other.address) for other in others) or 'none'}"
-    )
+    places = ", ".join(other.zenoh or other.address or "" for other in others)
+    return ok(f"routes lead to all {len(others)}: {places or 'none'}")
+
+
+def _place(robot: Robot) -> Endpoint:
+    """Return where a robot's teammates send its frames to."""
+    return endpoint(robot.zenoh or robot.address or "")
 
 
 def _unreachable(own: Endpoint, other: Endpoint) -> str:

@@ -1,5 +1,6 @@
 """Where a robot learns of its teammates, and tells them of itself."""
 
+import importlib
 import time
 from pathlib import Path
 from types import TracebackType
@@ -9,7 +10,7 @@ from edge_runtime.config import Fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_report import FleetReport
 from edge_runtime.fleet_session import random_nonce
-from edge_runtime.fleet_settings import CarrierSettings, Robot, endpoint
+from edge_runtime.fleet_settings import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Carrier, UdpCarrier
 from edge_runtime.key_file import read_key
@@ -156,14 +157,30 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     others = tuple(endpoints)
     sources = {POSE_SOURCE: robot.pose_place, RANGES_SOURCE: robot.ranges_place}
     endpoints |= {source: place for source, place in sources.items() if place}
-    try:
-        carrier = UdpCarrier(own, endpoints)
-    except ConfigError as error:
-        refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
+    carrier = _carrier(mission, settings, own, endpoints)
     orders = Orders(mission.robot_id, random_nonce(), mission.plan(), mission.plan_of)
     desk = OrderDesk(orders, operator_key, carrier, mission.rate_hz)
     streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)
+
+
+def _carrier(
+    mission: Mission, settings: CarrierSettings, own: Endpoint, endpoints: dict[int, Endpoint]
+) -> Carrier:
+    fleet = mission.fleet
+    try:
+        udp = UdpCarrier(own, endpoints)
+    except ConfigError as error:
+        refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
+    if settings.type == "udp":
+        return udp
+    zenoh = importlib.import_module("edge_runtime.fleet_zenoh")  # only where wanted: it loads TLS
+    try:
+        carrier: Carrier = zenoh.open_zenoh(fleet, settings, mission.robot_id, udp)
+    except ConfigError as error:
+        udp.close()
+        refuse(fleet.path, "", str(error))
+    return carrier
 
 
 def _streams(robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:

@@ -42,12 +42,15 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where its ranges come from: computed from the teammates' poses, or the address of a stream."""
     rigid_body: int | None = None
     """Its streaming id in the motion-capture system; the robot's where None."""
+    zenoh: str | None = None
+    """Where it listens to its team on Zenoh, such as ``10.0.0.12:7447``; see `CarrierSettings.type`."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.id < 2**16:
             raise ValueError(f"`id` must lie in [0, 65535], got {self.id}")
-        if self.address is not None:
-            endpoint(self.address)
+        for address in (self.address, self.zenoh):
+            if address is not None:
+                endpoint(address)
         for field in ("pose_place", "ranges_place"):
             getattr(self, field)
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
@@ -69,12 +72,24 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return None if self.ranges == "teammates" else _source(self.ranges, "ranges", "teammates")
 
 
+class TlsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Files of certificates, relative to the fleet file; ``{id}`` stands for the robot's id."""
+
+    ca: str
+    """Of the authority that issued the certificates of all robots and of the router."""
+    certificate: str
+    """The robot's, with the common name ``robot-<id>``."""
+    private_key: str
+    """The certificate's."""
+
+
 class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How robots that run as processes of their own hear each other: the table ``[carrier]``."""
 
     key: str
     """File of the team's key, relative to the fleet file."""
-    type: Literal["udp"] = "udp"
+    type: Literal["udp", "zenoh"] = "udp"
+    """What carries frames; orders, streams and status always travel over UDP."""
     operator_key: str | None = None
     """File of the key of those who may order by edge-ctl; the team's key where None."""
     nearest: int | None = None
@@ -83,6 +98,10 @@ class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How long a robot drives on while it hears nobody."""
     missing_s: float = 30.0
     """How long a robot drives on without any one of those that it listens to."""
+    router: str | None = None
+    """The Zenoh router between all robots, such as ``tls/10.0.0.1:7447``; none where None."""
+    tls: TlsSettings | None = None
+    """The Zenoh team's certificates; neither encrypted nor access controlled where None."""
 
     def __post_init__(self) -> None:
         if self.nearest is not None and self.nearest < 1:
@@ -160,7 +179,17 @@ def check_network(
 
 def _refuse_without_carrier(path: Path, index: int, robot: "Robot") -> None:
     simulated = Robot(robot.id, robot.start_m, robot.goal_m)
-    for key in ("address", "neighbours", "policy", "mass_kg", "drag", "pose", "ranges", "rigid_body"):
+    for key in (
+        "address",
+        "zenoh",
+        "neighbours",
+        "policy",
+        "mass_kg",
+        "drag",
+        "pose",
+        "ranges",
+        "rigid_body",
+    ):
         if getattr(robot, key) != getattr(simulated, key):
             refuse(
                 path,

@@ -188,6 +188,8 @@ class NetworkTeam:
         peer = self._peers.get(frame.state.robot_id)
         if peer is None or frame.receiver != self._robot_id:
             raise FrameError(Refusal.MISDIRECTED)
+        if datagram.sender not in (None, peer.robot_id):
+            raise FrameError(Refusal.IMPERSONATED)
         peer.admit(frame, datagram.arrival_s)
         self._tick.heard(frame.tick)
         self._orders.heard(frame.following)

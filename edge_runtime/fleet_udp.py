@@ -23,6 +23,8 @@ class Datagram(NamedTuple):
     """Where an answer is to go; for the carrier only."""
     arrival_s: float
     """Monotonic time."""
+    sender: int | None = None
+    """The robot as whom the carrier let it through; None where the carrier tells nobody apart."""
 
 
 class Carrier(Protocol):

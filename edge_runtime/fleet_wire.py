@@ -35,6 +35,8 @@ class Refusal(enum.Enum):
     """Not made with the team's key."""
     MISDIRECTED = "misdirected"
     """Made for another robot, or by a robot that the fleet does not know."""
+    IMPERSONATED = "impersonated"
+    """Made by a robot as which the carrier did not let it through."""
     NOT_FINITE = "not finite"
     EXPIRED = "expired"
     """An operator's order for an earlier run or an earlier time: a recording."""

@@ -17,18 +17,29 @@ def read_key(path: Path) -> bytes:
         ConfigError: if the file is missing, belongs to or is open to other users, or is not a key.
     """
     try:
-        with path.open("rb") as file:
-            status = os.fstat(file.fileno())
-            content = file.read(4 * KEY_BYTES)
+        content = read_private(path, 4 * KEY_BYTES)
     except OSError as error:
         raise ConfigError(
             f"key {path}: {error.strerror}; create it with: (umask 077 && openssl rand -hex 32 > {path})"
         ) from error
+    return _parse(content, path)
+
+
+def read_private(path: Path, size: int) -> bytes:
+    """Read up to ``size`` bytes of a file that is nobody else's.
+
+    Raises:
+        OSError: if it cannot be read.
+        ConfigError: if it belongs to or is open to other users.
+    """
+    with path.open("rb") as file:
+        status = os.fstat(file.fileno())
+        content = file.read(size)
     if status.st_uid not in (0, os.geteuid()):
         raise ConfigError(f"key {path} belongs to user {status.st_uid}; run: chown {os.geteuid()} {path}")
     if status.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise ConfigError(f"key {path} is open to other users; run: chmod 600 {path}")
-    return _parse(content, path)
+    return content
 
 
 def _parse(content: bytes, path: Path) -> bytes:

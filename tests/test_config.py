@@ -10,7 +10,7 @@ from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 ROBOT_KEYS = (
     "id, start_m, goal_m, address, neighbours, policy, mass_kg, drag, slew_per_s, max_speed_m_s, pose, "
-    "ranges, rigid_body"
+    "ranges, rigid_body, zenoh"
 )
 ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"
 OWN = """
@@ -210,10 +210,14 @@ ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000,
         (
             'key = "team.key"',
             "",
-            "carrier.key: missing; allowed: key, type, operator_key, nearest, alone_s, missing_s",
+            "carrier.key: missing; allowed: key, type, operator_key, nearest, alone_s, missing_s, router, ",
         ),
         ("[carrier]", "[carrier]\nkee = 1", "carrier.kee: unknown key; allowed: key, type, operator_key, "),
-        ("[carrier]", "[carrier]\ntype = 'tcp'", "carrier.type: Invalid enum value 'tcp'; allowed: 'udp'"),
+        (
+            "[carrier]",
+            "[carrier]\ntype = 'tcp'",
+            "carrier.type: Invalid enum value 'tcp'; allowed: 'udp', 'zenoh'",
+        ),
         ("[carrier]", "[carrier]\nnearest = 0", "carrier: `nearest` must be at least 1, got 0"),
         ("[carrier]", "[carrier]\nalone_s = 0", "carrier: `alone_s` must lie in [0.001, 86400], got 0"),
         ("[carrier]", "[carrier]\nmissing_s = inf", "carrier.missing_s: must be a finite number, got inf"),
