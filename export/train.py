@@ -1,6 +1,8 @@
 """edge-train: train a policy on a scenario."""
 
+import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -80,12 +82,21 @@ def _make_directory(out: Path) -> None:
         ) from error
 
 
+@contextlib.contextmanager
+def _denormals_flushed() -> Iterator[None]:
+    """Tiny numbers as zeros, for speed; it is the whole process's state, so it is put back."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
+
 def work(request: Request) -> None:
     """Train as one worker, alone or in the group that torchrun made."""
     # The matrices are small: further threads only contend, and sums stay in one order.
     torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
-    with join() as workers:
+    with _denormals_flushed(), join() as workers:
         run = TrainingRun(request, workers)
         if not workers.leads:
             run.train(lambda _row: None)
