@@ -52,12 +52,7 @@ def open_zenoh(fleet: Fleet, settings: CarrierSettings, robot_id: int, udp: UdpC
     try:
         return ZenohCarrier(zenoh, robot_id, [robot.id for robot in others], config, udp)
     except zenoh.ZError as error:
-        index = [robot.id for robot in fleet.robots].index(robot_id)
-        place = "carrier.router" if settings.router else f"robots[{index}].zenoh"
-        named = settings.router or fleet.robot(robot_id).zenoh
-        raise ConfigError(
-            f"{place}: Zenoh cannot use {named} ({_first_line(error)}); is it the right one, and free?"
-        ) from error
+        raise ConfigError(_unusable(fleet, settings, robot_id, error)) from error
 
 
 class ZenohCarrier:
@@ -149,3 +144,12 @@ class ZenohCarrier:
 def _first_line(error: Exception) -> str:
     """Return what Zenoh says, without the place in its source."""
     return str(error).partition(" at /")[0].partition("\n")[0].strip()
+
+
+def _unusable(fleet: Fleet, settings: CarrierSettings, robot_id: int, error: Exception) -> str:
+    if settings.router:
+        cause = f"Zenoh cannot reach {settings.router} ({_first_line(error)})"
+        return f"carrier.router: {cause}; does the router run, and take this robot in?"
+    index = [robot.id for robot in fleet.robots].index(robot_id)
+    cause = f"Zenoh cannot use {fleet.robots[index].zenoh} ({_first_line(error)})"
+    return f"robots[{index}].zenoh: {cause}; is it this machine's, and free?"

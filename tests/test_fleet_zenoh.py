@@ -266,7 +266,7 @@ def test_a_certificate_of_another_authority_does_not_get_in(write, certificates)
 def test_robots_hear_each_other_through_a_router_with_the_documented_configuration(write, certificates):
     place = free_place()
     path = write([robot(robot_id, "") for robot_id in range(3)], f'router = "tls/{place}"\n{TLS}')
-    with pytest.raises(ConfigError, match=r"fleet.toml: carrier.router: Zenoh cannot use tls/"):
+    with pytest.raises(ConfigError, match=r"fleet.toml: carrier.router: Zenoh cannot reach tls/"):
         open_fleet(mission(path), Alone())
     page = (Path(__file__).parents[1] / "docs" / "security.md").read_text()
     text = page.partition("```json5\n")[2].partition("```")[0]
