@@ -80,11 +80,12 @@ def test_the_pages_show_commands_of_every_program():
     assert set(PROGRAMS.values()) <= {module for module, _ in OWN.values()}
 
 
-def test_the_fleet_file_loads(tmp_path):
-    (text,) = blocks(ROOT / "docs" / "team.md", "toml")
+@pytest.mark.parametrize(("page", "robots"), [("team.md", [0, 1]), ("first-robot-can.md", [0])])
+def test_the_fleet_file_loads(page, robots, tmp_path):
+    text = blocks(ROOT / "docs" / page, "toml")[0]
     (tmp_path / "team.toml").write_text(text)
     fleet = load_fleet(tmp_path / "team.toml")
-    assert [robot.id for robot in fleet.robots] == [0, 1]
+    assert [robot.id for robot in fleet.robots] == robots
 
 
 def test_the_objectives_file_loads_and_the_own_objective_passes_its_check(tmp_path, capsys):
