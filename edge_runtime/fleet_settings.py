@@ -104,6 +104,9 @@ class CarrierSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The Zenoh team's certificates; neither encrypted nor access controlled where None."""
 
     def __post_init__(self) -> None:
+        for name in ("key", "operator_key"):
+            if getattr(self, name) == "":
+                raise ValueError(f'`{name}` must name the file of a key, such as "team.key"; it is empty')
         if self.nearest is not None and self.nearest < 1:
             raise ValueError(f"`nearest` must be at least 1, got {self.nearest}")
         check_bounds(self, {"alone_s": (1e-3, 86400.0), "missing_s": (1e-3, 86400.0)})

@@ -8,6 +8,7 @@ from typing import Final
 from edge_runtime.errors import ConfigError
 
 KEY_BYTES: Final = 32
+_CREATE: Final = "(umask 077 && openssl rand -hex 32 > {})"
 
 
 def read_key(path: Path) -> bytes:
@@ -19,9 +20,7 @@ def read_key(path: Path) -> bytes:
     try:
         content = read_private(path, 4 * KEY_BYTES)
     except OSError as error:
-        raise ConfigError(
-            f"key {path}: {error.strerror}; create it with: (umask 077 && openssl rand -hex 32 > {path})"
-        ) from error
+        raise ConfigError(f"key {path}: {error.strerror}; create it with: {_CREATE.format(path)}") from error
     return _parse(content, path)
 
 
@@ -43,14 +42,18 @@ def read_private(path: Path, size: int) -> bytes:
 
 
 def _parse(content: bytes, path: Path) -> bytes:
-    if len(content) == KEY_BYTES:
-        return content
-    try:
-        key = bytes.fromhex(content.decode("ascii"))
-    except ValueError:
-        key = b""
+    key = content if len(content) == KEY_BYTES else _from_digits(content)
     if len(key) != KEY_BYTES:
         raise ConfigError(
             f"key {path} is neither {KEY_BYTES} raw bytes nor {2 * KEY_BYTES} hexadecimal digits"
         )
+    if not any(key):
+        raise ConfigError(f"key {path} is all zeros, no secret; create one with: {_CREATE.format(path)}")
     return key
+
+
+def _from_digits(content: bytes) -> bytes:
+    try:
+        return bytes.fromhex(content.decode("ascii"))
+    except ValueError:
+        return b""

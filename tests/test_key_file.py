@@ -41,6 +41,12 @@ def test_files_that_are_no_keys(write, content):
         read_key(write(content))
 
 
+@pytest.mark.parametrize("content", [bytes(32), b"00" * 32])
+def test_a_key_of_zeros_is_no_secret(write, content):
+    with pytest.raises(ConfigError, match=r"team.key is all zeros, no secret; create one with: .*openssl"):
+        read_key(write(content))
+
+
 def test_a_missing_key_says_how_to_make_one(tmp_path):
     with pytest.raises(
         ConfigError, match=r"No such file or directory; create it with: .*openssl rand -hex 32"
