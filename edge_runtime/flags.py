@@ -34,6 +34,9 @@ examples:
   edge-run --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm
   edge-run --robot-id 0 --bridge mavlink --help"""
 
+LARGEST_SEED: Final = 2**63 - 1
+"""What a log's integers hold."""
+
 
 class _Parser(argparse.ArgumentParser):
     """Reports a wrong flag as one line."""
@@ -53,6 +56,16 @@ def _number(low: float, high: float) -> Callable[[str], float]:
         return value
 
     return convert
+
+
+def _seed(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value <= LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"must be a whole number in [0, {LARGEST_SEED}], got {text!r}")
+    return value
 
 
 def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
@@ -125,8 +138,9 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(
         "--seed",
-        type=int,
+        type=_seed,
         default=0,
+        metavar="N",
         help="of the flow's start noise, where guidance asks for it (default: 0)",
     )
     add("--json", type=Path, metavar="FILE", help="write the report there")

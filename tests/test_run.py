@@ -144,6 +144,8 @@ def test_the_process_stays_small(bundle):
             ["--robot-id", "0", "--json", "/no/run.json"],
             "--json /no/run.json: cannot be written (No such file",
         ),
+        (["--robot-id", "0", "--seed", "9" * 23], "must be a whole number in [0, 9223372036854775807], got"),
+        (["--robot-id", "0", "--seed", "-1"], "must be a whole number in [0, 9223372036854775807], got '-1'"),
         (["--robot-id", "0", "--fast"], "unrecognized arguments: --fast"),
     ],
 )
