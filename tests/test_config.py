@@ -1,5 +1,8 @@
 """Fleet and objectives files: what fits, and the one line that says what does not."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
@@ -212,6 +215,8 @@ ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000,
             "",
             "carrier.key: missing; allowed: key, type, operator_key, nearest, alone_s, missing_s, router, ",
         ),
+        ('"team.key"', '""', "carrier: `key` must name the file of a key, such as "),
+        ("[carrier]", '[carrier]\noperator_key = ""', "carrier: `operator_key` must name the file of a key"),
         ("[carrier]", "[carrier]\nkee = 1", "carrier.kee: unknown key; allowed: key, type, operator_key, "),
         (
             "[carrier]",
@@ -294,6 +299,16 @@ def test_files_that_cannot_be_read(tmp_path):
     assert complaint(load_fleet, tmp_path) == "cannot be read (Is a directory)"
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     assert complaint(load_fleet, tmp_path / "binary.toml").startswith("is not TOML (")
+
+
+def test_files_that_are_no_settings(tmp_path):
+    (tmp_path / "huge.toml").write_bytes(b"#" * (2**20 + 1))
+    assert complaint(load_fleet, tmp_path / "huge.toml").startswith("is larger than 1048576 bytes")
+    (tmp_path / "huge.toml").write_bytes(b"#" * 2**20)
+    assert complaint(load_fleet, tmp_path / "huge.toml").startswith("robots: missing")
+    os.mkfifo(tmp_path / "pipe")
+    assert complaint(load_fleet, tmp_path / "pipe") == "is not an ordinary file"
+    assert complaint(load_fleet, Path("/dev/zero")) == "is not an ordinary file"
 
 
 def test_unknown_robot_lists_the_known_ones(write):
