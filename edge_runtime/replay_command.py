@@ -24,7 +24,7 @@ With --objectives or another --policy: what it would have done with these instea
 EPILOG: Final = """\
 exit codes:
   0  every tick came out as it was; or the question was answered
-  1  a tick came out otherwise
+  1  a tick came out otherwise; or a log breaks off or is damaged: what was read is judged, a line says where
   2  a flag, log or bundle does not hold together; one line says what
 
 examples:
@@ -34,6 +34,7 @@ examples:
 SHOWN: Final = 10
 """So many differences are printed in full."""
 PROGRESS_S: Final = 0.5
+PICTURES: Final = (".png", ".pdf", ".svg")
 
 
 def make_parser() -> CommandParser:
@@ -48,7 +49,7 @@ def make_parser() -> CommandParser:
         metavar="DIR",
         help="bundle; if it is not the one that the log was made with: what if it had decided",
     )
-    add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been (png)")
+    add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been")
     return parser
 
 
@@ -83,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EdgeError as error:
         print(f"edge-replay: {error}", file=sys.stderr)
         return 2
-    return 1 if any(verdict.differing for verdict in verdicts) else 0
+    return 1 if any(verdict.differing or verdict.damage for verdict in verdicts) else 0
 
 
 def _replay(path: Path, asked: Bundle | None, steering: Steering | None) -> Verdict:
@@ -140,6 +141,8 @@ def _check_picture(flags: argparse.Namespace) -> None:
         raise ConfigError("-o draws what would have been: say with --objectives or --policy what if")
     if len(flags.logs) > 1:
         raise ConfigError(f"-o {flags.picture}: one picture shows one log, got {len(flags.logs)}")
+    if flags.picture.suffix.lower() not in PICTURES:
+        raise ConfigError(f"-o {flags.picture}: a picture's name ends in {', '.join(PICTURES)}")
     need("matplotlib", "train")
     try:
         flags.picture.open("ab").close()

@@ -18,6 +18,7 @@ from edge_runtime.replay import Replay, recorded_policy, recorded_steering
 from edge_runtime.replay_command import main
 
 NUMBER = 17
+NAVIGATION = str(PACKAGED / "navigation")
 
 
 @pytest.fixture(scope="module", params=["numpy", pytest.param("compiled", marks=needs_kernel)])
@@ -161,7 +162,7 @@ def test_unguided_runs_are_repeated(tmp_path):
 def test_a_cut_log_is_judged_up_to_its_damage(one_log, tmp_path, capsys):
     path = tmp_path / "cut.mcap"
     path.write_bytes(one_log.read_bytes()[:-100])
-    assert main([str(path)]) == 0
+    assert main([str(path)]) == 1
     assert "damaged     its index is cut off after tick" in capsys.readouterr().out
 
 
@@ -206,7 +207,9 @@ def test_other_objectives_answer_what_if(one_log, tmp_path, capsys):
     ("flags", "complaint"),
     [
         (["-o", "x.png"], "say with --objectives or --policy"),
-        (["--objectives", "slow.toml", "-o", "/proc/none/x.png"], "cannot be"),
+        (["--policy", NAVIGATION, "-o", "/proc/none/x.png"], "-o /proc/none/x.png: cannot be written"),
+        (["--policy", NAVIGATION, "-o", "x.xyz"], "-o x.xyz: a picture's name ends in .png, .pdf, .svg"),
+        (["--policy", NAVIGATION, "-o", "x"], "-o x: a picture's name ends in"),
         (["--policy", "nowhere"], "no such bundle"),
         (["--what"], "unrecognized arguments"),
     ],
