@@ -42,6 +42,16 @@ def test_help_shows_examples_and_exit_codes(helped):
     assert "\x1b" not in done.stdout
 
 
+def test_a_package_of_a_command_is_the_command(helped):
+    name, module, done = helped
+    package, _, last = module.rpartition(".")
+    if last != "command":
+        pytest.skip("a module of its own")
+    by_package = run(package, "--help", COLUMNS="100", FORCE_COLOR="1", NO_COLOR="1")
+    assert (by_package.returncode, by_package.stdout) == (0, done.stdout)
+    assert by_package.stdout.startswith(f"usage: {name} ")
+
+
 def test_a_wrong_flag_is_one_line_and_exit_code_2(helped):
     name, module, _ = helped
     done = run(module, "--no-such-flag")

@@ -1,0 +1,8 @@
+"""``python -m firmware_bridge.sil`` is edge-sil."""
+
+import sys
+
+from firmware_bridge.sil.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())
