@@ -71,6 +71,10 @@ def test_a_timeline_is_read_in_the_order_of_its_times(tmp_path):
             r"`processes` must lie in \[1, 64\]",
         ),
         ('kind = "kill"\nat_s = 10.0\nrobot = 1', r"at_s: 10 s is not within the run of 10 s"),
+        (
+            'kind = "loss"\nat_s = 4.0\nfor_s = 6.1\nshare = 0.5',
+            r"fault\[0\].for_s: ends at 10.1 s, beyond the run of 10 s",
+        ),
         ('kind = "kill"\nat_s = nan\nrobot = 1', r"at_s: must be a finite number"),
         ('kind = "loss"\nat_s = 1.0\nfor_s = 1.0\nshare = 1.5', r"`share` must lie in \[0, 1\]"),
         ('kind = "loss"\nat_s = 1.0\nshare = 0.5', r"fault\[0\].for_s: missing"),
@@ -82,6 +86,11 @@ def test_a_file_that_does_not_hold_together_is_refused_in_one_line(tmp_path, tab
         load(tmp_path, f"[[fault]]\n{table}")
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "faults.toml"))
+
+
+def test_a_fault_may_last_to_the_end(tmp_path):
+    (fault,) = load(tmp_path, '[[fault]]\nkind = "blackout"\nat_s = 3.3\nfor_s = 6.7')
+    assert fault.end_s == pytest.approx(10.0)
 
 
 def test_can_carries_no_nan(tmp_path):

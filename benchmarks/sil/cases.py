@@ -23,7 +23,7 @@ class Case(NamedTuple):
     long_s: float = 20.0
     short_s: float = 4.0
     faults: str = ""
-    """A timeline; {half}, {frames} and {third} are put in."""
+    """A timeline; {half}, {whole}, {duration} and {frames} are put in."""
     realtime: bool = True
 
 
@@ -48,7 +48,7 @@ def cases() -> tuple[Case, ...]:
             "message age p99 within 2 periods, no collision",
             _loss,
             _show_loss,
-            faults='kind = "loss"\nat_s = 0.0\nfor_s = 1e6\nshare = 0.2',
+            faults='kind = "loss"\nat_s = 0.0\nfor_s = {duration}\nshare = 0.2',
         ),
         Case(
             "3 s blackout",
@@ -80,7 +80,7 @@ def cases() -> tuple[Case, ...]:
             "loop unaffected, at most 1 s of log lost",
             _log_lost,
             _show_log,
-            faults='kind = "log_full"\nat_s = {half}\nfor_s = 1e6',
+            faults='kind = "log_full"\nat_s = {half}\nfor_s = {half}',
         ),
         Case(
             "logger killed",

@@ -46,7 +46,6 @@ def _timeline(case: Case, folder: Path, duration_s: float, *, short: bool) -> Pa
     (folder / "slow.toml").write_text(SLOW)
     path = folder / "faults.toml"
     frames = HOSTILE_FRAMES_SHORT if short else HOSTILE_FRAMES
-    path.write_text(
-        "[[fault]]\n" + case.faults.format(half=duration_s / 2, whole=duration_s - 1.0, frames=frames)
-    )
+    numbers = {"half": duration_s / 2, "whole": duration_s - 1.0, "duration": duration_s, "frames": frames}
+    path.write_text("[[fault]]\n" + case.faults.format(**numbers))
     return path

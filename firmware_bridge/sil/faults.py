@@ -13,6 +13,8 @@ from edge_runtime.toml_file import Table, read_toml, refuse, to_record
 MOST_HOGS: Final = 64
 LARGEST: Final = 1e7
 """Of any number in a timeline: four months, or ten million frames."""
+ROUNDING_S: Final = 1e-6
+"""Of two decimal numbers' sum."""
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
@@ -254,6 +256,8 @@ def load_faults(path: Path, robots: Sequence[int], duration_s: float, bridge: st
         fault = _fault(table, path, key)
         if fault.at_s >= duration_s:
             refuse(path, f"{key}.at_s", f"{fault.at_s:g} s is not within the run of {duration_s:g} s")
+        if isinstance(fault, Lasting) and fault.end_s > duration_s + ROUNDING_S:
+            refuse(path, f"{key}.for_s", f"ends at {fault.end_s:g} s, beyond the run of {duration_s:g} s")
         for robot_id in fault.names:
             if robot_id not in robots:
                 known = ", ".join(map(str, robots))
