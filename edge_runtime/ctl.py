@@ -14,7 +14,7 @@ from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.fleet_settings import endpoint
 from edge_runtime.key_file import read_key
 from edge_runtime.operator_link import OperatorLink
-from edge_runtime.toml_file import refuse
+from edge_runtime.toml_file import read_settings, refuse
 
 DESCRIPTION: Final = """\
 Order a team of robots that drive (edge-run with a fleet file that has a [carrier]):
@@ -137,10 +137,7 @@ def _open(fleet: Fleet, key_file: Path | None, timeout_s: float) -> OperatorLink
 
 def _read_objectives(path: Path) -> bytes:
     """Read an objectives file that robots will accept as far as can be told here."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    content = read_settings(path)
     if len(content) > FILE_BYTES:
         refuse(path, "", f"has {len(content)} bytes; robots take at most {FILE_BYTES}")
     parse_steering(content, path)

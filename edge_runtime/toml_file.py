@@ -21,8 +21,16 @@ def read_toml(path: Path) -> Table:
     """Read a TOML file whose numbers are all finite.
 
     Raises:
-        ConfigError: if the file cannot be read, is no ordinary file of up to `LARGEST_FILE` bytes, is not
-            TOML, or holds nan or inf.
+        ConfigError: as `read_settings` and `parse_toml`.
+    """
+    return parse_toml(read_settings(path), path)
+
+
+def read_settings(path: Path) -> bytes:
+    """Read a file of settings, as it is.
+
+    Raises:
+        ConfigError: if it cannot be read, or is no ordinary file of up to `LARGEST_FILE` bytes.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would hold up who opens it
@@ -33,7 +41,7 @@ def read_toml(path: Path) -> Table:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     if len(content) > LARGEST_FILE:
         raise ConfigError(f"{path}: is larger than {LARGEST_FILE} bytes, no file of settings is")
-    return parse_toml(content, path)
+    return content
 
 
 def parse_toml(content: bytes, path: Path) -> Table:
