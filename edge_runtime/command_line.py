@@ -2,6 +2,8 @@
 
 import argparse
 import importlib
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Final, NoReturn
 
 from edge_runtime.errors import ConfigError
@@ -28,6 +30,20 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the command line."""
         raise ConfigError(f"{message}; see {self.prog} --help")
+
+
+def check_output(flag: str, path: Path, inputs: Iterable[Path | None]) -> None:
+    """Find out before the work starts whether a file can be written and is none of those to be read.
+
+    Raises:
+        ConfigError: if it cannot, or is.
+    """
+    if path.resolve() in [each.resolve() for each in inputs if each is not None]:
+        raise ConfigError(f"{flag} {path}: would overwrite a file that is read; name another one")
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise ConfigError(f"{flag} {path}: cannot be written ({error.strerror})") from error
 
 
 def need(module: str, extra: str) -> None:

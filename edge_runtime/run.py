@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from edge_runtime.command_line import check_output
 from edge_runtime.console import LiveLine, output, show, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
@@ -163,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 mission = make_mission(flags)
                 mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
                 if flags.json:
-                    _check_writable(flags.json)
+                    check_output("--json", flags.json, (flags.objectives, flags.fleet))
                 if flags.animate:
                     _animation().check_animation(flags.animate, recorded=flags.log)
                 recorder = stack.enter_context(open_record(flags))
@@ -216,13 +217,6 @@ def _write(path: Path, report: RunReport) -> None:
         path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
     except OSError as error:
         raise ConfigError(f"--json {path}: the report could not be written ({error.strerror})") from error
-
-
-def _check_writable(path: Path) -> None:
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from error
 
 
 if __name__ == "__main__":

@@ -159,6 +159,22 @@ def test_bad_input_is_one_line_and_nothing_starts(bundle, capsys, monkeypatch, f
     assert err.count("\n") == 1
 
 
+def test_a_report_does_not_overwrite_what_is_read(bundle, tmp_path, capsys):
+    slow = tmp_path / "slow.toml"
+    slow.write_text('[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n')
+    before = slow.read_text()
+    (tmp_path / "link.toml").symlink_to(slow)
+    flags = ["--robot-id", "0", "--policy", str(bundle), "--json", str(slow)]
+    for objectives in (slow, tmp_path / "link.toml"):
+        assert run.main([*flags, "--objectives", str(objectives)]) == 2
+        assert "slow.toml: would overwrite a file that is read" in capsys.readouterr().err
+    assert slow.read_text() == before
+    fleet = tmp_path / "fleet.toml"
+    fleet.write_text(NEAR_FLEET)
+    assert run.main([*flags, "--fleet", str(fleet), "--json", str(fleet)]) == 2
+    assert fleet.read_text() == NEAR_FLEET
+
+
 def test_the_process_exits_with_2(command):
     done = subprocess.run([*command, "--bridge", "zigbee"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
