@@ -127,6 +127,8 @@ def _separation(report: RunReport, colour: bool) -> str:
         return "no other robot was seen"
     if margin is None:
         return f"{least:.3f} m at least"
+    if least >= margin and (silent := _silent(report)):
+        return f"{least:.3f} m at least among those heard, margin {margin:g} m; {silent}"
     return f"{least:.3f} m at least, margin {margin:g} m {_kept(least >= margin, colour)}"
 
 
@@ -134,7 +136,15 @@ def _speed(report: RunReport, colour: bool) -> str:
     greatest, limit = report.max_speed_m_s, report.speed_limit_m_s
     if limit is None:
         return f"{greatest:.3f} m/s at most"
+    if greatest <= limit and (silent := _silent(report)):
+        return f"{greatest:.3f} m/s at most among those heard, limit {limit:g} m/s; {silent}"
     return f"{greatest:.3f} m/s at most, limit {limit:g} m/s {_kept(greatest <= limit, colour)}"
+
+
+def _silent(report: RunReport) -> str:
+    """Say of whom nothing was known for a time: no limit can be called kept then."""
+    silent = [robot for robot in report.robots if robot.silent_s > 0.0]
+    return ", ".join(f"robot {robot.robot_id} silent for {robot.silent_s:.1f} s" for robot in silent)
 
 
 def _misses(report: RunReport) -> str:

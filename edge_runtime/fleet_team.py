@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.control_wire import ORDER_MAGIC
 from edge_runtime.fleet_peer import Peer
@@ -28,7 +29,7 @@ class TeamRules(msgspec.Struct, frozen=True):
     nearest: int
     """It listens to so many of them; at most all."""
     stale_s: float
-    """An older teammate is masked."""
+    """An older teammate is masked; it stays an obstacle where it was."""
     alone_s: float
     """How long it drives on while it hears nobody."""
     missing_s: float
@@ -136,10 +137,11 @@ class NetworkTeam:
         self._wanted = frozenset((*(mate.state.robot_id for mate in (*near, *used)), *joining))
         for mate in used:
             self._traffic.used_ages.add(mate.age_s)
-        self._traffic.masked.update(mate.state.robot_id for mate in near if mate.age_s > rules.stale_s)
+        silent = tuple(_at_rest(mate) for mate in near if mate.age_s > rules.stale_s)
+        self._traffic.masked.update(mate.state.robot_id for mate in silent)
         used.sort(key=lambda mate: mate.state.robot_id)
         fault = self.stop_reason or self._streams.fault(now) or self._fault(heard, near, unheard)
-        return TeamState(own, tuple(used), fault, self._streams.ranges_m())
+        return TeamState(own, tuple(used), fault, self._streams.ranges_m(), silent)
 
     def for_base(self, command: Command) -> Command:
         """Return the command as the bridge is to take it."""
@@ -235,3 +237,8 @@ class NetworkTeam:
         if self._agreed:
             return ""
         return f"robot {differing[0]} follows other objectives than this one"
+
+
+def _at_rest(mate: Teammate) -> Teammate:
+    """Return a teammate that was silent too long: where it was, without what it intended then."""
+    return Teammate(replace(mate.state, velocity_m_s=(0.0, 0.0)), age_s=mate.age_s)

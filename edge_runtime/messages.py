@@ -34,6 +34,8 @@ class TeamState(msgspec.Struct, frozen=True):
     """Why no action may rest on this view, such as a teammate silent for too long. Else empty."""
     ranges_m: tuple[float, ...] | None = None
     """What a real range sensor read, one a ray; None where ranges are computed from the teammates."""
+    silent: tuple[Teammate, ...] = ()
+    """Masked ones, at rest where they were last known to be: obstacles until they are heard again."""
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):

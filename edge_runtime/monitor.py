@@ -16,6 +16,8 @@ class RobotTally:
         self.goal_distance_m = math.inf
         self.min_separation_m = math.inf
         self.max_speed_m_s = 0.0
+        self.silent_ticks = 0
+        """While it was masked: its separations and speeds of that time are not known."""
 
 
 class Monitor:
@@ -42,6 +44,8 @@ class Monitor:
         """Take one tick into account."""
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
         self._follow_team(states)
+        for mate in team.silent:
+            self.robots[mate.state.robot_id].silent_ticks += 1
         if command.stop_reason:
             self.faults[command.stop_reason] += 1
         elif guided.steps < self._euler_steps:

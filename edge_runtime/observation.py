@@ -51,7 +51,7 @@ class Observer:
         position, velocity = team.own.position_m, team.own.velocity_m_s
         ranges_m: Sequence[float] | None = team.ranges_m
         if ranges_m is None:
-            mates = [mate.state.position_m for mate in team.teammates]
+            mates = [mate.state.position_m for mate in team.teammates + team.silent]
             ranges_m = disc_ranges(position, mates, self._rays, self._body)
         elif len(ranges_m) != len(self._rays):
             raise PolicyError(f"got {len(ranges_m)} ranges, the policy's sensor has {len(self._rays)} rays")

@@ -21,6 +21,8 @@ class RobotReport(msgspec.Struct, frozen=True):
     min_separation_m: float | None
     """Least distance between its centre and any other's."""
     max_speed_m_s: float
+    silent_s: float = 0.0
+    """How long it was masked: what it did then is in none of these figures."""
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,7 +84,7 @@ def make_report(
     log: LogReport | None = None,
 ) -> RunReport:
     """Sum up a run."""
-    robots = tuple(_robot_report(robot_id, monitor) for robot_id in monitor.robots)
+    robots = tuple(_robot_report(robot_id, monitor, mission.period_s) for robot_id in monitor.robots)
     separations = [robot.min_separation_m for robot in robots if robot.min_separation_m is not None]
     wanted = mission.steering.objectives
     return RunReport(
@@ -116,7 +118,7 @@ def make_report(
     )
 
 
-def _robot_report(robot_id: int, monitor: Monitor) -> RobotReport:
+def _robot_report(robot_id: int, monitor: Monitor, period_s: float) -> RobotReport:
     tally = monitor.robots[robot_id]
     return RobotReport(
         robot_id,
@@ -124,4 +126,5 @@ def _robot_report(robot_id: int, monitor: Monitor) -> RobotReport:
         monitor.reached(robot_id),
         tally.min_separation_m if math.isfinite(tally.min_separation_m) else None,
         tally.max_speed_m_s,
+        tally.silent_ticks * period_s,
     )

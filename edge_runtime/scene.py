@@ -48,7 +48,7 @@ def look_ahead(team: TeamState, preview: Preview) -> Outlook:
     reach, keep = preview.position_decay, preview.velocity_decay
     drift = Motion(x + reach * vx, y + reach * vy, keep * vx, keep * vy)
     neighbours = []
-    for mate in team.teammates:
+    for mate in team.teammates + team.silent:
         state = mate.state
         (x, y), (vx, vy), (ux, uy) = state.position_m, state.velocity_m_s, mate.intended_action
         shift, push = preview.position_gain, preview.velocity_gain

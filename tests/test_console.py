@@ -79,6 +79,20 @@ def test_what_is_not_there_is_said():
     assert line(lone, "stopped") == "duration, dry run: nothing was commanded"
 
 
+def test_no_limit_is_called_kept_while_somebody_was_silent():
+    silent = replace(REPORT.robots[1], silent_s=8.0)
+    unsure = replace(REPORT, min_separation_m=0.323, robots=(REPORT.robots[0], silent))
+    assert (
+        line(unsure, "separation")
+        == "0.323 m at least among those heard, margin 0.25 m; robot 2 silent for 8.0 s"
+    )
+    assert (
+        line(unsure, "speed")
+        == "0.290 m/s at most among those heard, limit 0.3 m/s; robot 2 silent for 8.0 s"
+    )
+    assert line(replace(unsure, min_separation_m=0.2), "separation").endswith("violated")
+
+
 @pytest.mark.parametrize("name, code", [("separation", "\x1b[31m"), ("speed", "\x1b[32m")])
 def test_verdicts_are_coloured(name, code):
     assert code in line(REPORT, name, colour=True)
