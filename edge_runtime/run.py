@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from edge_runtime.command_line import check_output
-from edge_runtime.console import LiveLine, output, show, summary, use_colour
+from edge_runtime.console import LiveLine, output, summary, use_colour
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.flags import chosen_bridge, make_mission, make_parser
 from edge_runtime.fleet import Alone, TeamLink, open_fleet
+from edge_runtime.last_words import say
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
@@ -190,11 +191,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 recorder=recorder,
             )
         # The robot stands and its links are closed: a terminal that takes no text holds up nobody.
+        stream = output()
         try:
             if flags.json:
                 _write(flags.json, report)
         finally:
-            show(summary(report, colour=use_colour(output())))
+            say(summary(report, colour=use_colour(stream)), stream)
         if flags.animate and report.log:
             _animation().animate_run(report.log, flags.animate)
     except EdgeError as error:

@@ -299,11 +299,11 @@ def test_the_end_of_a_run_stops_the_robot(drive):
     assert bridge.stops == ["duration", "closed"]
 
 
-def test_a_dry_run_computes_but_commands_nothing(drive, capsys):
+def test_a_dry_run_computes_but_commands_nothing(drive, capfd):
     code, bridge, path = drive([state(), state()], "--dry-run")
     assert (code, bridge.written) == (0, [])
     assert report_of(path)["ticks"] == 2
-    assert "nothing was commanded" in capsys.readouterr().out
+    assert "nothing was commanded" in capfd.readouterr().out
 
 
 def test_a_link_that_fails_ends_the_run_stopped(drive, capsys):
