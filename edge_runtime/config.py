@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
@@ -114,32 +115,40 @@ def load_steering(path: Path) -> Steering:
     return make_steering(read_toml(path), path)
 
 
-def parse_steering(content: bytes, path: Path) -> Steering:
+def parse_steering(content: bytes, path: Path, known: Collection[type[Objective]] | None = None) -> Steering:
     """Read the content of an objectives file; ``path`` is its name, beside which own objectives lie.
+
+    Args:
+        content: of the file.
+        path: its name.
+        known: the only own objectives that it may name; nothing is imported then.
 
     Raises:
         ConfigError: as `load_steering`.
     """
-    return make_steering(parse_toml(content, path), path)
+    return make_steering(parse_toml(content, path), path, known)
 
 
-def make_steering(table: Table, path: Path) -> Steering:
-    """Check what an objectives file says; ``path`` is its name, beside which own objectives lie.
+def make_steering(table: Table, path: Path, known: Collection[type[Objective]] | None = None) -> Steering:
+    """Check what an objectives file says; see `parse_steering`.
 
     Raises:
         ConfigError: as `load_steering`.
     """
     tables = to_record(table, _SteeringTables, path)
-    return Steering(_objectives(tables.objectives, path), tables.guidance)
+    return Steering(_objectives(tables.objectives, path, known), tables.guidance)
 
 
-def _objectives(tables: tuple[Table, ...], path: Path) -> tuple[Objective, ...]:
-    return tuple(_objective(table, path, f"objectives[{i}]") for i, table in enumerate(tables))
+def _objectives(
+    tables: tuple[Table, ...], path: Path, own: Collection[type[Objective]] | None = None
+) -> tuple[Objective, ...]:
+    return tuple(_objective(table, path, f"objectives[{i}]", own) for i, table in enumerate(tables))
 
 
-def _objective(table: Table, path: Path, key: str) -> Objective:
-    known = {str(objective.__struct_config__.tag): objective for objective in BUILT_IN}
-    allowed = f"allowed: {', '.join(known)}, or an own one as module:Class"
+def _objective(table: Table, path: Path, key: str, own: Collection[type[Objective]] | None) -> Objective:
+    known: dict[str, type[Objective]] = {str(kind.__struct_config__.tag): kind for kind in BUILT_IN}
+    known |= {f"{kind.__module__}:{kind.__qualname__}": kind for kind in own or ()}
+    allowed = f"allowed: {', '.join(known)}" + (", or an own one as module:Class" if own is None else "")
     name = table.get("type")
     if not isinstance(name, str):
         refuse(
@@ -147,10 +156,14 @@ def _objective(table: Table, path: Path, key: str) -> Objective:
             f"{key}.type",
             f"{'missing' if name is None else f'must be a string, got {name}'}; {allowed}",
         )
-    if ":" in name:
-        kind = _import_objective(name, path, f"{key}.type")
-    elif name in known:
+    if name in known:
         kind = known[name]
+    elif ":" in name and own is None:
+        kind = _import_objective(name, path, f"{key}.type")
+    elif ":" in name:
+        refuse(
+            path, f"{key}.type", f"{name!r} was not named by the files that the robot started with; {allowed}"
+        )
     else:
         refuse(path, f"{key}.type", f"unknown objective {name!r}; {allowed}")
     return to_record({**table, "type": kind.__struct_config__.tag}, kind, path, key)

@@ -13,7 +13,7 @@ from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Robot
 from edge_runtime.limits import Limits
-from edge_runtime.objectives import Objective
+from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import Observer
 from edge_runtime.plan import Plan, make_plan
 
@@ -71,12 +71,16 @@ class Mission:
     def plan_of(self, file: str, content: bytes) -> Plan:
         """Make a plan of an objectives file that came over the network, as if it lay beside the fleet file.
 
+        It may name the own objectives that the robot's files named at its start; no code is loaded for it.
+
         Raises:
             ConfigError: names what does not hold together, or says that this robot is not guided.
         """
         if not self.guided:
             raise ConfigError("this robot runs with --no-guidance")
-        steering = parse_steering(content, self.fleet.path.parent / Path(file).name)
+        known = {type(one) for one in (*self.fleet.steering.objectives, *self.steering.objectives)}
+        own = known.difference(BUILT_IN)
+        steering = parse_steering(content, self.fleet.path.parent / Path(file).name, own)
         return make_plan(steering, self.bundle.manifest)
 
     def controllers(self, max_speed_m_s: float = math.inf) -> dict[int, Controller]:

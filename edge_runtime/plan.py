@@ -1,12 +1,16 @@
 """What a robot follows: objectives made ready for its loop, with the name that the team knows them by."""
 
+import functools
 import hashlib
+import sys
+from pathlib import Path
 
 import msgspec
 
 from edge_runtime.config import Steering
 from edge_runtime.guide import Guide
 from edge_runtime.manifest import Manifest
+from edge_runtime.objectives import BUILT_IN, Objective
 
 
 class Plan(msgspec.Struct, frozen=True):
@@ -34,5 +38,19 @@ def make_plan(steering: Steering, manifest: Manifest, *, guided: bool = True) ->
 
 
 def digest_of(steering: Steering) -> int:
-    """First 64 bits of the SHA-256 of what objectives and guidance say, whatever the form of their file."""
-    return int.from_bytes(hashlib.sha256(msgspec.json.encode(steering)).digest()[:8], "little")
+    """First 64 bits of the SHA-256 of what objectives and guidance say, whatever the form of their file.
+
+    The code of own objectives counts too: robots with different code disagree.
+    """
+    digest = hashlib.sha256(msgspec.json.encode(steering))
+    for objective in steering.objectives:
+        if type(objective) not in BUILT_IN:
+            digest.update(_code_digest(type(objective)))
+    return int.from_bytes(digest.digest()[:8], "little")
+
+
+@functools.cache
+def _code_digest(kind: type[Objective]) -> bytes:
+    """SHA-256 of a class's module file, as it was when the class was first followed; of nothing without."""
+    file = getattr(sys.modules[kind.__module__], "__file__", None)
+    return hashlib.sha256(Path(file).read_bytes() if file else b"").digest()
