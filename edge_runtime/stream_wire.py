@@ -12,12 +12,15 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from edge_runtime.bounds import GREATEST
 from edge_runtime.fleet_wire import FrameError, Refusal
 from edge_runtime.messages import Vector2
 
 STREAM_MAGIC: Final = b"CFS\x01"
 """Its last byte is the version of the layout; change it with the layout."""
 MOST_VALUES: Final = 1024
+GREATEST_SPEED_M_S: Final = 1e3
+"""Of any robot; no position, heading or range is above `GREATEST`."""
 _HEAD: Final = struct.Struct("<4sBxHHxxQQQQd")
 _TAG_BYTES: Final = 32
 
@@ -86,7 +89,7 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
     """Read a packet.
 
     Raises:
-        FrameError: if it is malformed, not made with this key, or holds a number that is not finite.
+        FrameError: if it is malformed, not made with this key, or a number is not finite or absurd.
     """
     body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
     if len(body) < _HEAD.size or body[: len(STREAM_MAGIC)] != STREAM_MAGIC:
@@ -100,4 +103,7 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
     values = struct.unpack_from(f"<{count}d", body, _HEAD.size)
     if not (math.isfinite(stamp_s) and all(map(math.isfinite, values))):
         raise FrameError(Refusal.NOT_FINITE)
+    speeds = values[2:4] if kind == Kind.POSE else ()
+    if not (all(abs(v) <= GREATEST for v in values) and all(abs(v) <= GREATEST_SPEED_M_S for v in speeds)):
+        raise FrameError(Refusal.MALFORMED)
     return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values)

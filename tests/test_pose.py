@@ -183,6 +183,11 @@ def test_an_old_motive_is_refused():
         ('{"t": 0, "robot": 0, "x": 1, "y": 2, "ranges": []}', "line 1: a line has either"),
         ('{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 1}', "line 1: `vx` and `vy` go together"),
         ('{"t": 0, "robot": 0, "x": 1e999, "y": 2}', "line 1: "),
+        ('{"t": 0, "robot": 0, "x": 1, "y": -2e6}', "line 1: `y` must lie in [-1e+06, 1e+06], got -2e+06"),
+        (
+            '{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 0, "vy": 2e3}',
+            "line 1: `vy` must lie in [-1000, 1000], got 2000",
+        ),
         (
             '{"t": 1, "robot": 0, "ranges": [1]}\n{"t": 0, "robot": 0, "ranges": [1]}',
             "line 2: t goes back to 0",

@@ -31,7 +31,8 @@ RAYS = MANIFEST.body.lidar_rays
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 longs = st.integers(0, 2**64 - 1)
-values = st.lists(numbers, min_size=5, max_size=5).map(tuple)
+places, speeds = st.floats(-1e6, 1e6), st.floats(-1e3, 1e3)
+values = st.tuples(places, places, speeds, speeds, places)
 
 
 def bridge_state(heading_rad=0.0):
@@ -212,6 +213,10 @@ def test_every_altered_bit_is_noticed():
         (9, (), Refusal.MALFORMED),
         (Kind.RANGES, (math.inf,), Refusal.NOT_FINITE),
         (Kind.POSE, (math.nan, *POSE[1:]), Refusal.NOT_FINITE),
+        (Kind.POSE, (1.1e6, *POSE[1:]), Refusal.MALFORMED),
+        (Kind.POSE, (*POSE[:3], -1.1e3, POSE[4]), Refusal.MALFORMED),
+        (Kind.POSE, (*POSE[:4], 1e300), Refusal.MALFORMED),
+        (Kind.RANGES, (0.3, 1e7), Refusal.MALFORMED),
     ],
 )
 def test_what_holds_the_key_but_makes_no_sense_is_refused(kind, wrong, cause):

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.bounds import GREATEST, check_bounds
 from edge_runtime.errors import ConfigError
+from edge_runtime.stream_wire import GREATEST_SPEED_M_S
 
 
 class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,6 +38,10 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         numbers = (self.t, self.x, self.y, self.heading, self.vx, self.vy, *(self.ranges or ()))
         if not all(math.isfinite(number) for number in numbers if number is not None):
             raise ValueError("every number must be finite")
+        place, speed = (-GREATEST, GREATEST), (-GREATEST_SPEED_M_S, GREATEST_SPEED_M_S)
+        check_bounds(
+            self, {"x": place, "y": place, "heading": place, "ranges": place, "vx": speed, "vy": speed}
+        )
 
 
 def read_recording(path: Path) -> list[Sample]:
