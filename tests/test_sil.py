@@ -12,6 +12,8 @@ import pytest
 
 from firmware_bridge.sil import command
 from firmware_bridge.sil.faults import KINDS
+from firmware_bridge.sil.robots import check_robot
+from firmware_bridge.sil.scenario import Request, prepare
 
 SIL = (sys.executable, "-m", "firmware_bridge.sil.command")
 LENIENT = "[run]\n[machine]\n"
@@ -246,6 +248,27 @@ def test_no_process_outlives_the_harness(folder, number):
         assert words == "edge-sil: ended by SIGINT\n"
 
 
+def test_a_signal_among_the_starts_ends_them(folder):
+    environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
+    with subprocess.Popen(
+        [*SIL, "--robots", "8", "--rate", "20"], stderr=subprocess.PIPE, text=True, env=environment
+    ) as harness:
+        while not list((folder / "tmp").iterdir()):
+            assert harness.poll() is None
+            time.sleep(0.01)
+        harness.send_signal(signal.SIGTERM)
+        _, words = harness.communicate(timeout=60)
+    assert (harness.returncode, words) == (1, "edge-sil: ended by SIGTERM\n")
+    assert list((folder / "tmp").iterdir()) == []
+    await_none(folder / "tmp")
+
+
+def test_a_team_of_one(tmp_path):
+    scenario = prepare(Request(robots=1), tmp_path)
+    (station,) = scenario.stations
+    check_robot(scenario, station)
+
+
 @pytest.mark.parametrize(
     "flags, complaint",
     [
@@ -259,6 +282,8 @@ def test_no_process_outlives_the_harness(folder, number):
         (["--faults", "/no/faults.toml"], "/no/faults.toml: cannot be read"),
         (["--policy", "/no/bundle"], "/no/bundle: no such bundle directory"),
         (["--json", "/no/run.json"], "--json /no/run.json: cannot be written"),
+        (["--log-dir", "/proc/x"], "--log-dir /proc/x: cannot be written"),
+        (["--limits", "same.toml", "--json", "same.toml"], "--json same.toml: would overwrite a file"),
         (["--quick"], "unrecognized arguments: --quick"),
     ],
 )

@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.command_line import CommandParser
+from edge_runtime.command_line import CommandParser, check_output
 from edge_runtime.console import output, use_colour
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import RATE_HZ
@@ -114,8 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             request, json = parse(arguments)
             _check_installed()
-            if json is not None:
-                _check_writable(json)
+            _check_outputs(request, json)
+            signals = stack.enter_context(StopSignals())  # before the folder: a signal leaves none behind
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="edge-sil-"))
             scenario = prepare(request, Path(folder))
             for station in scenario.stations:
@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except EdgeError as error:
             return _complain(error, 2)
         try:
-            report = simulate(scenario, stack.enter_context(StopSignals()))
+            report = simulate(scenario, signals)
         except EdgeError as error:
             return _complain(error, 1)
     stream = output()
@@ -149,11 +149,15 @@ def _check(flag: str, value: float, low: float, high: float) -> None:
         raise ConfigError(f"{flag} must be a number in [{low:g}, {high:g}], got {value:g}")
 
 
-def _check_writable(path: Path) -> None:
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise ConfigError(f"--json {path}: cannot be written ({error.strerror})") from error
+def _check_outputs(request: Request, json: Path | None) -> None:
+    if json is not None:
+        check_output("--json", json, (request.fleet, request.faults, request.limits))
+    if request.log_dir is not None:
+        try:
+            request.log_dir.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=request.log_dir).close()
+        except OSError as error:
+            raise ConfigError(f"--log-dir {request.log_dir}: cannot be written ({error.strerror})") from error
 
 
 if __name__ == "__main__":

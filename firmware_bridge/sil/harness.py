@@ -120,12 +120,13 @@ class Harness:
 
     def _start_robots(self) -> None:
         for station in self._scenario.stations:
+            self._look()
             arguments = robot_arguments(self._scenario, station)
             self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, ONE_THREAD)
-            self._look()
             time.sleep(APART_S)
 
     def _start(self, name: str, module: str, *arguments: str, answers: bool = False) -> Child:
+        self._look()
         return self._crew.start(name, f"{PACKAGE}.{module}", arguments, ONE_THREAD, answers=answers)
 
     def _write(self, name: str, spec: msgspec.Struct) -> str:

@@ -17,7 +17,7 @@ def generated_team(robots: int) -> Table:
     """Return the table of a fleet file: the packaged policy, inside a speed limit and a safety margin."""
     return {
         "team": {"policy": "navigation"},
-        "carrier": {"type": "udp", "key": "team.key", "nearest": min(NEAREST, robots - 1)},
+        "carrier": {"type": "udp", "key": "team.key", "nearest": NEAREST},
         "robots": [
             {"id": index, "start_m": list(place.start_m), "goal_m": list(place.goal_m)}
             for index, place in enumerate(places(robots))
