@@ -7,12 +7,13 @@ import threading
 from pathlib import Path
 from typing import TextIO
 
-from edge_runtime.monitor import Monitor
+from edge_runtime.monitor import SETTLE_S, Monitor
 from edge_runtime.rate import DeadlineGrid
 from edge_runtime.report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1
 PLAIN_INTERVAL_S = 1.0
+UNSETTLED = f"not judged: the objectives changed less than {SETTLE_S:g} s before the end"
 
 
 def output() -> TextIO:
@@ -122,6 +123,8 @@ def _goals(report: RunReport, colour: bool) -> str:
 
 
 def _separation(report: RunReport, colour: bool) -> str:
+    if not report.settled:
+        return UNSETTLED
     least, margin = report.min_separation_m, report.safety_margin_m
     if least is None:
         return "no other robot was seen"
@@ -133,6 +136,8 @@ def _separation(report: RunReport, colour: bool) -> str:
 
 
 def _speed(report: RunReport, colour: bool) -> str:
+    if not report.settled:
+        return UNSETTLED
     greatest, limit = report.max_speed_m_s, report.speed_limit_m_s
     if limit is None:
         return f"{greatest:.3f} m/s at most"

@@ -3,10 +3,14 @@
 import itertools
 import math
 from collections import Counter
+from typing import Final
 
 from edge_runtime.config import Fleet
 from edge_runtime.guidance import GuidedAction
 from edge_runtime.messages import Command, RobotState, TeamState
+
+SETTLE_S: Final = 2.0
+"""After a change of objectives robots must first brake or part: separations and speeds count from then on."""
 
 
 class RobotTally:
@@ -33,19 +37,23 @@ class Monitor:
         self.robots = {robot.id: RobotTally() for robot in fleet.robots}
         self.faults: Counter[str] = Counter()
         """Ticks that stopped the robot, by reason."""
+        self.settled = True
+        """Whether the objectives have held long enough to be judged."""
         self.anytime_ticks = 0
         """Ticks whose sample was cut short by the deadline."""
         self._goals = {robot.id: robot.goal_m for robot in fleet.robots}
         self._tolerance_m = fleet.team.goal_tolerance_m
         self._hold_ticks, self._held = hold_ticks, 0
         self._euler_steps = euler_steps
+        self._settled_s = -math.inf
 
     def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Take one tick into account."""
+        self.settled = team.own.stamp_s >= self._settled_s
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
         self._follow_team(states)
-        for mate in team.silent:
-            self.robots[mate.state.robot_id].silent_ticks += 1
+        if self.settled:
+            self._judge(states, team)
         if command.stop_reason:
             self.faults[command.stop_reason] += 1
         elif guided.steps < self._euler_steps:
@@ -55,10 +63,11 @@ class Monitor:
         """Count a tick in which neither bridge nor pose stream had a state to give."""
         self.faults["no own state yet"] += 1
 
-    def judge_anew(self) -> None:
-        """Forget separations and speeds: other objectives hold from this tick on."""
+    def judge_anew(self, now_s: float) -> None:
+        """Forget separations and speeds: other objectives hold now, and are judged after `SETTLE_S`."""
+        self._settled_s, self.settled = now_s + SETTLE_S, False
         for tally in self.robots.values():
-            tally.min_separation_m, tally.max_speed_m_s = math.inf, 0.0
+            tally.min_separation_m, tally.max_speed_m_s, tally.silent_ticks = math.inf, 0.0, 0
 
     def reached(self, robot_id: int) -> bool:
         """Whether a robot is at its goal now."""
@@ -73,10 +82,16 @@ class Monitor:
         for state in states:
             tally = self.robots[state.robot_id]
             tally.goal_distance_m = math.dist(state.position_m, self._goals[state.robot_id])
+        self._held = self._held + 1 if all(map(self.reached, self.robots)) else 0
+
+    def _judge(self, states: list[RobotState], team: TeamState) -> None:
+        for mate in team.silent:
+            self.robots[mate.state.robot_id].silent_ticks += 1
+        for state in states:
+            tally = self.robots[state.robot_id]
             tally.max_speed_m_s = max(tally.max_speed_m_s, math.hypot(*state.velocity_m_s))
         for state, other in itertools.combinations(states, 2):
             distance = math.dist(state.position_m, other.position_m)
             for robot_id in (state.robot_id, other.robot_id):
                 tally = self.robots[robot_id]
                 tally.min_separation_m = min(tally.min_separation_m, distance)
-        self._held = self._held + 1 if all(map(self.reached, self.robots)) else 0

@@ -61,6 +61,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     max_speed_m_s: float
     """Greatest speed of any robot of the team."""
     speed_limit_m_s: float | None
+    settled: bool = True
+    """False if the run ended too soon after a change of objectives to judge separations and speeds."""
     robots: tuple[RobotReport, ...]
     fleet: FleetReport | None
     """The team's network; None for a team in one process."""
@@ -111,6 +113,7 @@ def make_report(
         safety_margin_m=max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None),
         max_speed_m_s=max(robot.max_speed_m_s for robot in robots),
         speed_limit_m_s=min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None),
+        settled=monitor.settled,
         robots=robots,
         fleet=fleet,
         log=log,

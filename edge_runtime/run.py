@@ -72,7 +72,7 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         if plan := fleet.new_plan():
             controller.plan = plan
             session.watch.adopt(plan.steering, plan.version)
-            monitor.judge_anew()
+            monitor.judge_anew(own.stamp_s)
         timing.lap()
         observation = controller.observe(team)
         timing.lap()

@@ -79,6 +79,12 @@ def test_what_is_not_there_is_said():
     assert line(lone, "stopped") == "duration, dry run: nothing was commanded"
 
 
+def test_a_run_that_ends_right_after_a_change_is_not_judged():
+    early = replace(REPORT, settled=False, min_separation_m=None, max_speed_m_s=0.0)
+    text = "not judged: the objectives changed less than 2 s before the end"
+    assert (line(early, "separation"), line(early, "speed")) == (text, text)
+
+
 def test_no_limit_is_called_kept_while_somebody_was_silent():
     silent = replace(REPORT.robots[1], silent_s=8.0)
     unsure = replace(REPORT, min_separation_m=0.323, robots=(REPORT.robots[0], silent))
