@@ -118,7 +118,7 @@ def test_what_a_robot_refuses_is_said(write, tmp_path, capsys):
         assert order("objectives", path, away / "mine.toml") == 1
         complaint = capsys.readouterr().err
         assert complaint.startswith("edge-ctl: nothing was changed: robot 0 refuses: ")
-            assert "mine.toml: objectives[0].type: 'only_here:Mine' was not named by the files that" in complaint
+        assert "mine.toml: objectives[0].type: 'only_here:Mine' was not named by the files that" in complaint
         assert order("status", path) == 0
         assert order("stop", path) == 0
 
