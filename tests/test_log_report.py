@@ -1,7 +1,9 @@
 """edge-report on logs of real runs: what they say is on the page, what is wrong with them is said."""
 
+import dataclasses
 import re
 
+import msgspec
 import numpy as np
 import pytest
 from report_files import record
@@ -9,6 +11,7 @@ from report_files import record
 from edge_runtime.log_reader import read_log
 from edge_runtime.log_report.command import main
 from edge_runtime.log_report.digest import STAGES, digest
+from edge_runtime.log_report.sections import _verdicts
 from edge_runtime.log_report.team import fences, limits, separation, team_of
 from edge_runtime.log_schema import Tick
 
@@ -100,3 +103,28 @@ def test_what_does_not_hold_together_is_one_line(log, tmp_path, capsys):
 def test_two_runs_of_one_robot_are_no_team(log, tmp_path, capsys):
     other = record(tmp_path)
     assert "another run of robot 0" in refused(capsys, log, other, "-o", tmp_path / "page.html")
+
+
+def test_each_stretch_is_judged_by_its_own_limits_once_the_team_has_braked(run):
+    """A stricter limit halfway: the speed before it, and while the robots brake, breaks nothing."""
+    first = run.sets[0]
+    slow = msgspec.structs.replace(
+        first[1],
+        version=1,
+        objectives=tuple(
+            msgspec.structs.replace(item, parameters='{"limit_m_s": 0.1}')
+            for item in first[1].objectives
+            if item.kind == "speed_limit"
+        ),
+    )
+    zero_s = run.start.started_unix_s
+    times = zero_s + np.array([0.0, 4.0, 5.5, 6.5, 9.0])
+    for last_m_s, kept in ((0.05, True), (0.2, False)):
+        motion = np.zeros((5, 4))
+        motion[:, 2] = 0.29, 0.29, 0.25, 0.25, last_m_s
+        changed = dataclasses.replace(
+            run, sets=(first, (zero_s + 5.0, slow)), time_s=times, motion={0: motion}
+        )
+        (verdict,) = [v for v in _verdicts(team_of([changed])) if v.name == "Greatest speed"]
+        assert verdict.good is kept
+        assert verdict.detail == ("speed limit 0.3 m/s" if kept else "speed limit 0.1 m/s")

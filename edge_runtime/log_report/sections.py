@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_runtime.log_report import timeline
 from edge_runtime.log_report.digest import STAGES, RunDigest
-from edge_runtime.log_report.team import TeamDigest, fences, limits, separation
+from edge_runtime.log_report.team import Stretch, TeamDigest, fences, limits, separation, stretches
 from edge_runtime.report_page import chart
 from edge_runtime.report_page.arena import Track, arena
 from edge_runtime.report_page.chart import Floats, Limit
@@ -44,17 +44,17 @@ def _verdicts(team: TeamDigest) -> list[Verdict]:
     tolerance = team.runs[0].start.fleet.goal_tolerance_m
     last = [float(track.goal_distance_m[-1]) for track in team.tracks if len(track.time_s)]
     there = sum(distance <= tolerance for distance in last)
-    apart = _least(separation(track, team) for track in team.tracks)
-    speed = -_least(-track.speed_m_s for track in team.tracks)
-    margins = limits(team, "safety_margin", "distance_m", "m")
-    speeds = limits(team, "speed_limit", "limit_m_s", "m/s")
+    apart = [(track.time_s, separation(track, team)) for track in team.tracks]
+    speed = [(track.time_s, track.speed_m_s) for track in team.tracks]
+    margins = stretches(team, "safety_margin", "distance_m")
+    speeds = stretches(team, "speed_limit", "limit_m_s")
     misses = sum(int(run.misses[-1]) for run in team.runs if len(run.misses))
     stopped = sum(sum(map(bool, run.stopped)) for run in team.runs)
     ticks = sum(len(run.time_s) for run in team.runs)
     return [
         Verdict("At their goals", f"{there} of {len(last)}", f"within {tolerance:g} m", there == len(last)),
-        _against("Least separation", apart, "m", margins, least=True),
-        _against("Greatest speed", speed, "m/s", speeds, least=False),
+        _against("Least separation", apart, margins, "safety margin {:g} m", 1),
+        _against("Greatest speed", speed, speeds, "speed limit {:g} m/s", -1),
         Verdict("Deadlines missed", str(misses), f"of {ticks + misses}", misses == 0),
         Verdict("Stopped ticks", str(stopped), f"of {ticks}", stopped == 0),
     ]
@@ -65,14 +65,26 @@ def _least(values: Iterable[Floats]) -> float:
     return min(finite, default=math.nan)
 
 
-def _against(name: str, value: float, unit: str, bounds: list[Limit], *, least: bool) -> Verdict:
-    if math.isnan(value):
+def _against(
+    name: str, rows: list[tuple[Floats, Floats]], asked: list[Stretch], form: str, sign: int
+) -> Verdict:
+    """Judge values by the limits of their time, and show the worst; ``sign`` is -1 for upper limits."""
+    unit = form.rpartition(" ")[2]
+    whole = sign * _least(sign * values for _, values in rows)
+    if math.isnan(whole):
         return Verdict(name, "-", "nobody was seen")
-    shown = f"{value:.3f} {unit}"
-    if not bounds:
-        return Verdict(name, shown, "no limit was asked for")
-    bound = (max if least else min)(bounds, key=lambda limit: limit.value)
-    return Verdict(name, shown, bound.name, value >= bound.value if least else value <= bound.value)
+    if not asked:
+        return Verdict(name, f"{whole:.3f} {unit}", "no limit was asked for")
+    judged = []
+    for limit, begin_s, end_s in asked:
+        then = [values[(time_s >= begin_s) & (time_s < end_s)] for time_s, values in rows]
+        value = sign * _least(sign * values for values in then)
+        if not math.isnan(value):
+            judged.append((sign * (value - limit), value, limit))
+    if not judged:
+        return Verdict(name, f"{whole:.3f} {unit}", "no limit held long enough to be judged")
+    slack, value, limit = min(judged)
+    return Verdict(name, f"{value:.3f} {unit}", form.format(limit), slack >= 0.0)
 
 
 def _map(team: TeamDigest) -> Figure:

@@ -1,14 +1,17 @@
 """Several robots' runs on one time axis."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from edge_runtime.log_report.digest import RunDigest
 from edge_runtime.log_schema import RobotPlace
 from edge_runtime.messages import Vector2
+from edge_runtime.monitor import SETTLE_S
 from edge_runtime.report_page.arena import Circle
 from edge_runtime.report_page.chart import Floats, Limit
 
@@ -99,6 +102,27 @@ def limits(team: TeamDigest, kind: str, field: str, unit: str) -> list[Limit]:
         if item.kind == kind
     }
     return [Limit(value, f"{kind.replace('_', ' ')} {value:g} {unit}") for value in sorted(values)]
+
+
+class Stretch(NamedTuple):
+    """When a limit was to be kept, since the report's zero."""
+
+    limit: float
+    begin_s: float
+    end_s: float
+
+
+def stretches(team: TeamDigest, kind: str, field: str) -> list[Stretch]:
+    """When each limit of a kind held: sets that were taken up while driving from `SETTLE_S` later on."""
+    found = set()
+    for run in team.runs:
+        ends = [time_s - team.zero_s for time_s, _ in run.sets[1:]] + [math.inf]
+        begin_s = -math.inf
+        for (_, chosen), end_s in zip(run.sets, ends, strict=True):
+            asked = [json.loads(item.parameters)[field] for item in chosen.objectives if item.kind == kind]
+            found |= {Stretch(limit, begin_s, end_s) for limit in asked}
+            begin_s = end_s + SETTLE_S
+    return sorted(found)
 
 
 def fences(team: TeamDigest) -> list[Circle]:
