@@ -1,5 +1,6 @@
 """The guard as a real process on a real (multicast) bus: what the firmware sees when its peers die."""
 
+import contextlib
 import os
 import signal
 import time
@@ -152,7 +153,8 @@ def test_stop_is_final(address):
 def test_a_bad_command_stops_the_robot(address, velocity):
     with Chassis(address) as chassis, GuardedBridge(guard_spec(address)) as bridge:
         sequence = drive(bridge, chassis, drives(chassis))
-        bridge.write(command(sequence, velocity))
+        with contextlib.suppress(BridgeError):  # a quick guard is heard before write returns
+            bridge.write(command(sequence, velocity))
         chassis.wait(stands_by(chassis))
     assert_ramped_stop(chassis.frames)
 
