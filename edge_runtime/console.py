@@ -69,17 +69,6 @@ class LiveLine:
         )
 
 
-def show(text: str) -> None:
-    """Print a text for whoever still reads; a reader that is gone loses it, nothing else."""
-    stream = output()
-    try:
-        stream.write(f"{text}\n")
-        stream.flush()
-    except (OSError, KeyboardInterrupt):  # Ctrl-C: the way out where a terminal takes no text
-        # What is still buffered must not fail again when the interpreter exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
 def use_colour(stream: TextIO) -> bool:
     """Whether to colour text: on a terminal, unless NO_COLOR asks for none."""
     return stream.isatty() and not os.environ.get("NO_COLOR")
