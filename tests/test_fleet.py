@@ -180,7 +180,7 @@ def test_hostile_frames_change_nothing(team):
     host, _, port = load_fleet(path).robots[0].address.rpartition(":")
     draw, sent = random.Random(7), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
-        while sent < 15_000:
+        while sent < 30_000:  # a busy machine drops some before they are read
             sequences = {int(sequence) for sequence in target.tick()["newest"].values()}
             assert max(sequences) < UNREACHABLE
             for _ in range(100):
@@ -189,7 +189,7 @@ def test_hostile_frames_change_nothing(team):
     rest, report = target.end()
     assert all(max(tick["newest"].values()) < UNREACHABLE for tick in rest)
     assert report["refused"].keys() - {"unanswered"} == {"foreign", "malformed"}
-    assert report["refused"]["foreign"] + report["refused"]["malformed"] >= 3_000
+    assert report["refused"]["foreign"] + report["refused"]["malformed"] >= 10_000
 
 
 def hostile(draw):
