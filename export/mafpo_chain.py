@@ -27,8 +27,9 @@ class ChainSettings:
     euler_steps: int = 10
     step_noise: float = 0.15
     """sigma when training starts, in units of the action, at each Euler step."""
-    clip: float = 0.2
-    """Half-width of PPO's trust region for the chain's ratio."""
+    clip: float = 0.3
+    """Half-width of PPO's trust region for the chain's ratio: wider than a Gaussian's, since a chain's ratio
+    also moves where its last point does not."""
     half_precision: bool = True
     """Compute likelihoods in bfloat16 where the processor is faster so."""
 
@@ -51,7 +52,7 @@ class MafpoChain:
     """A flow policy trained as a Markov chain of T small Gaussian steps."""
 
     name = "mafpo-chain"
-    settings = TrainingSettings(learning_rate=1e-3, ratio_change=0.08)
+    settings = TrainingSettings(learning_rate=1e-3, ratio_change=0.15)
 
     def __init__(self, observation_dim: int, action_dim: int) -> None:
         self.flow = ChainSettings()
