@@ -29,8 +29,13 @@ def missing(name, *robots, **changes):
         ("rate, MAVLink", {}, {"achieved_rate_share": 0.99}),
         (
             "rate, CAN, ordinary scheduling",
-            {"undecided_ticks": 9, "runtime_misses": 9},
-            {"undecided_ticks": 9},
+            {"lacking_commands": 9, "counted_misses": 9},
+            {"lacking_commands": 9, "counted_misses": 8},
+        ),
+        (
+            "rate, MAVLink, ordinary scheduling",
+            {"lacking_commands": 0, "counted_misses": 0},
+            {"lacking_commands": None},
         ),
         ("pose to command, CAN", {}, {"pose_to_command_age_ms": OLD}),
         ("pose to command, MAVLink", {}, {"pose_to_command_age_ms": None}),

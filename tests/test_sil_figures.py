@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_bridge.sil.figures import halts, missed_bursts, percentiles, pose_ages
+from edge_runtime.rate import DeadlineGrid
+from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
 
 PERIOD = 0.02
 
@@ -38,6 +39,52 @@ def test_silence_is_missed_from_beginning_to_end():
     assert missed_bursts(np.empty(0), PERIOD, 1.0, 3.0).tolist() == [100]
     arrival = 1.0 + PERIOD * (np.arange(50) + 0.5)
     assert missed_bursts(arrival, PERIOD, 1.0, 3.0).tolist() == [50]
+
+
+class Loop:
+    """A control loop on a busy machine, on `DeadlineGrid` with a clock of its own."""
+
+    def __init__(self, seed, busy):
+        self.draw, self.busy, self.now_s = np.random.default_rng(seed), busy, 3.7
+        self.grid = DeadlineGrid(PERIOD, lambda: self.now_s, self.sleep)
+
+    def sleep(self, seconds):
+        self.now_s += seconds + self.late(0.1)
+
+    def late(self, usual):
+        """Usually a share of ``usual`` periods, now and then some whole ones."""
+        return PERIOD * (
+            self.draw.uniform(0.0, usual) + (self.draw.random() < self.busy) * self.draw.uniform(0, 4)
+        )
+
+    def run(self, ticks):
+        due, decided, misses, arrival = [], [], [], []
+        for _ in range(ticks):
+            due.append(self.grid.wait())
+            self.now_s += self.late(0.05)
+            decided.append(self.now_s)
+            misses.append(self.grid.misses)
+            arrival.append(self.now_s + 1e-5)
+        arrival, *logged = (np.array(column) for column in (arrival, due, decided, misses))
+        return arrival, LoggedTicks(*logged)
+
+
+@given(seed=st.integers(0, 2**16), busy=st.floats(0.0, 0.3), swallowed=st.sets(st.integers(50, 250)))
+def test_both_ends_count_the_same_misses_unless_a_command_was_swallowed(seed, busy, swallowed):
+    arrival, logged = Loop(seed, busy).run(300)
+    arrived = np.delete(arrival, list(swallowed))
+    counts = miss_counts(arrived, logged, PERIOD, arrival[10], arrival[290])
+    assert counts.lacking == counts.counted + len(swallowed)
+    assert counts.counted <= logged.misses[-1]
+
+
+def test_where_the_log_is_silent_nothing_is_compared():
+    arrival, logged = Loop(1, 0.0).run(100)
+    window = (PERIOD, 0.0, 10.0)
+    assert miss_counts(arrival, LoggedTicks(*(np.empty(0),) * 3), *window) is None
+    assert miss_counts(np.empty(0), logged, *window) is None
+    # Its logger died half-way: what came later is not held against the loop.
+    assert miss_counts(arrival[:80], LoggedTicks(*(column[:40] for column in logged)), *window) == (0, 0)
 
 
 def test_the_age_of_a_pose_is_counted_from_its_measurement():

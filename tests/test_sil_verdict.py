@@ -97,6 +97,10 @@ LATE = Percentiles(5.0, 45.0, 50.0, 60.0)
     [
         ({"achieved_rate_share": 0.99}, "robot 1: 99.00% of the ticks, 99.50% needed"),
         ({"longest_burst": 3}, "robot 1: 3 deadlines missed in a row, 2 allowed"),
+        (
+            {"lacking_commands": 3, "counted_misses": 2},
+            "robot 1: its firmware lacked 3 commands, its loop counted 2 misses",
+        ),
         ({"pose_to_command_age_ms": LATE}, "robot 1: pose to command age 45.0 ms at p99, 20.0 ms allowed"),
         ({"fleet_message_age_ms": LATE}, "robot 1: fleet message age 45.0 ms at p99, 40.0 ms allowed"),
         ({"objective_violations_share": 0.06}, "robot 1: objectives broken 6.0% of the time, 5.0% allowed"),
@@ -170,6 +174,18 @@ def test_the_packaged_limits_ask_for_what_the_table_promises():
     assert (run.pose_to_command_age_periods, run.fleet_message_age_periods) == (1.0, 2.0)
     assert machine.wake_p99_ms is not None and machine.others_cpu_cores is not None
     assert DEFAULT_LIMITS.name == "limits.toml"
+
+
+def test_the_table_says_whether_both_ends_count_the_same_misses():
+    fine, lost = (
+        robot(0, lacking_commands=2, counted_misses=2),
+        robot(1, lacking_commands=1, counted_misses=0),
+    )
+    silent = robot(2, exempt=True, lacking_commands=9, counted_misses=0)
+    shown = table(report(fine, robot(1), silent), colour=False)
+    assert "misses: the firmware lacked 2 commands, the loops counted 2: both counts agree" in shown
+    shown = table(report(fine, lost), colour=False)
+    assert "misses: the firmware lacked 3 commands, the loops counted 2: the counts differ" in shown
 
 
 def test_the_table_shows_robots_team_and_verdict():

@@ -41,6 +41,15 @@ def cases() -> tuple[Case, ...]:
             long_s=60.0,
             realtime=False,
         ),
+        Case(
+            "rate, MAVLink, ordinary scheduling",
+            "every miss counted",
+            _counted,
+            _show_counted,
+            bridge="mavlink",
+            long_s=60.0,
+            realtime=False,
+        ),
         Case("pose to command, CAN", "p99 within a period", _pose_age, _show_pose_age),
         Case("pose to command, MAVLink", "p99 within a period", _pose_age, _show_pose_age, bridge="mavlink"),
         Case(
@@ -132,21 +141,19 @@ def _show_rate(report: SilReport) -> str:
 
 def _counted(report: SilReport) -> Iterator[str]:
     for robot in _driving(report):
-        stopped = "stopped" in robot.stop_reason  # by its guard: then no tick was due any more
-        # The window may cut a tick at each of its ends.
-        if not stopped and robot.undecided_ticks > (robot.runtime_misses or 0) + 1:
-            yield (
-                f"robot {robot.robot_id}: {robot.undecided_ticks} ticks without a decision, "
-                f"{robot.runtime_misses} counted by the runtime"
-            )
+        lacking, counted = robot.lacking_commands, robot.counted_misses
+        if lacking is None or lacking != counted:
+            yield f"robot {robot.robot_id}: {lacking} commands lacking, {counted} counted by its loop"
 
 
 def _show_counted(report: SilReport) -> str:
-    whole = [robot for robot in _driving(report) if "stopped" not in robot.stop_reason]
-    lacking = sum(robot.undecided_ticks for robot in whole)
-    counted = sum(robot.runtime_misses or 0 for robot in whole)
-    stopped = len(_driving(report)) - len(whole)
-    text = f"{_show_rate(report)}; {lacking} ticks lacking, {counted} counted since the start"
+    robots = _driving(report)
+    lacking = sum(robot.lacking_commands or 0 for robot in robots)
+    counted = sum(robot.counted_misses or 0 for robot in robots)
+    stopped = sum(
+        "stopped" in robot.stop_reason for robot in robots
+    )  # by its guard: no tick was due any more
+    text = f"{_show_rate(report)}; {lacking} commands lacking, {counted} counted by the loops"
     return text + (f"; {stopped} robots stopped by their guards" if stopped else "")
 
 

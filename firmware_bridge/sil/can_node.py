@@ -69,7 +69,7 @@ class CanNode(FirmwareNode):
         if now_s >= self._state_due_s:
             self._state_due_s = now_s + STATE_PERIOD_S
             self._send(self._system_state, {"ControlMode": self._mode})
-        if self.stale:
+        if self.stale or not self.located:
             return
         self._send(self._motion_state, {"Linear": pose.forward_m_s, "Angular": pose.yaw_rad_s})
         self._sent_pose(now_s)

@@ -2,8 +2,9 @@
 
 One process for all firmware nodes, because two cores hold them so with less disturbance than N more processes
 would make; each has its own bus or port, its own state and its own timeout. Everything is paced on one grid
-of absolute deadlines. Prints the moment from which the run counts, once all robots drive; on SIGTERM it
-writes its record beside SPEC.
+of absolute deadlines. No firmware tells its pose before a line comes on the standard input: all robots then
+begin to drive together. Prints the moment from which the run counts, once all do; on SIGTERM it writes its
+record beside SPEC.
 """
 
 import gc
@@ -85,16 +86,17 @@ class Field:
 
     def run(self, signals: StopSignals) -> None:
         """Serve until a signal."""
-        by_descriptor = {node.fileno(): node for node in self._nodes}
-        poll = select.poll()
+        by_descriptor = {node.fileno(): node.receive for node in self._nodes}
+        by_descriptor[sys.stdin.fileno()] = self._release
+        self._poll = select.poll()
         for descriptor in by_descriptor:
-            poll.register(descriptor, select.POLLIN)
+            self._poll.register(descriptor, select.POLLIN)
         origin_s, step = time.monotonic(), 0
         while not signals.reason:
             due_s = origin_s + step * STEP_S
             wait_s = due_s - time.monotonic()
-            for descriptor, _ in poll.poll(max(1e3 * wait_s, 0.0)):
-                by_descriptor[descriptor].receive()
+            for descriptor, _ in self._poll.poll(max(1e3 * wait_s, 0.0)):
+                by_descriptor[descriptor]()
             if (now_s := time.monotonic()) >= due_s:
                 self._late_s.append(now_s - due_s)
                 self._advance(now_s, reports=step % self._pose_steps == 0)
@@ -109,6 +111,12 @@ class Field:
         """Let the wires go."""
         for node in self._nodes:
             node.close()
+
+    def _release(self) -> None:
+        """Let the robots know where they are."""
+        self._poll.unregister(sys.stdin.fileno())
+        for node in self._nodes:
+            node.located = True
 
     def _advance(self, now_s: float, *, reports: bool) -> None:
         self._world.step([node.motion(now_s) for node in self._nodes])

@@ -1,5 +1,7 @@
 """From times of arrival to figures: rate, jitter, misses, ages."""
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,6 +10,29 @@ from edge_runtime.scene import Floats
 
 EARLY_SHARE = 0.25
 """A command up to this share of a period before its tick's usual time still belongs to that tick."""
+
+
+PUNCTUAL_SHARE = 0.25
+"""A command is punctual within this share of a period around its tick's usual time."""
+
+
+class LoggedTicks(NamedTuple):
+    """What a runtime's log tells of its ticks, in order."""
+
+    due_s: Floats
+    decided_s: Floats
+    """When it decided on its command."""
+    misses: Floats
+    """Deadlines that the loop had counted as missed by then."""
+
+
+class MissCounts(NamedTuple):
+    """The same misses, counted at both ends of the wire."""
+
+    lacking: int
+    """Ticks that brought the firmware no command, neither in time nor late."""
+    counted: int
+    """Deadlines that the runtime's loop counted as missed meanwhile."""
 
 
 def percentiles(values: npt.ArrayLike, scale: float = 1.0) -> Percentiles | None:
@@ -43,6 +68,38 @@ def missed_bursts(arrival_s: Floats, period_s: float, begin_s: float, end_s: flo
     after = whole - (int(ticks[-1] - ticks[0]) + 1) - before
     every = np.concatenate([[before], gaps, [after]])
     return every[every > 0]
+
+
+def miss_counts(
+    arrival_s: Floats, ticks: LoggedTicks, period_s: float, begin_s: float, end_s: float
+) -> MissCounts | None:
+    """Count the misses within [begin, end) at the firmware and in the loop; None if they cannot be compared.
+
+    Both are counted from one punctual command to another that the log knows, so that no tick is cut in two.
+
+    Args:
+        arrival_s: commands at the firmware, ascending.
+        ticks: of the runtime's log.
+        period_s: of the control loop.
+        begin_s: of the time within which is counted.
+        end_s: of it.
+    """
+    inside = arrival_s[(arrival_s >= begin_s) & (arrival_s < end_s)]
+    if not (inside.size and ticks.decided_s.size):
+        return None
+    decision = np.searchsorted(ticks.decided_s, inside, side="right") - 1
+    after = np.where(decision >= 0, (inside - ticks.due_s[decision]) / period_s, np.inf)
+    in_its_tick = after < 1.0
+    if not in_its_tick.any():
+        return None
+    usual = np.median(after[in_its_tick])
+    punctual = np.flatnonzero(in_its_tick & (np.abs(after - usual) < PUNCTUAL_SHARE))
+    if not punctual.size:
+        return None
+    first, last = punctual[0], punctual[-1]
+    due = round(float((inside[last] - inside[first]) / period_s))
+    counted = ticks.misses[decision[last]] - ticks.misses[decision[first]]
+    return MissCounts(due - int(last - first), int(counted))
 
 
 def pose_ages(

@@ -21,7 +21,7 @@ from firmware_bridge.sil.processes import Child, Crew
 from firmware_bridge.sil.relay import Line, RelaySpec
 from firmware_bridge.sil.report import ProcessCost
 from firmware_bridge.sil.robot_log import RobotLog, read_robot_log
-from firmware_bridge.sil.robots import MODULE, log_folder, report_path, robot_arguments
+from firmware_bridge.sil.robots import MODULE, log_folder, open_operator, report_path, robot_arguments
 from firmware_bridge.sil.scenario import Scenario
 
 PACKAGE = "firmware_bridge.sil"
@@ -29,14 +29,14 @@ STARTING_S = 30.0
 STARTING_A_ROBOT_S = 3.0
 """Longest wait until all robots drive: so long, and so much more for each."""
 APART_S = 0.5
-"""Between two robots' starts: a runtime that starts takes a core, and those that drive have deadlines."""
+"""Between two robots' starts: a runtime that starts takes a core, and waits only so long for its guard."""
 LOOK_S = 0.05
 """How often the harness looks whether everybody is alive."""
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class StartError(BridgeError):
-    """The team did not come to drive: on a busy machine a guard stops a robot that starts too slowly."""
+    """The team did not come to drive: one of its processes ended, or took too long."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,10 @@ class Harness:
         """
         field, helpers = self._start_field(), self._start_helpers()
         self._start_robots()
-        start = self._await_start(field)
+        end_s = time.monotonic() + STARTING_S + STARTING_A_ROBOT_S * len(self._scenario.stations)
+        self._await_robots(end_s)
+        field.tell("go")
+        start = self._await_start(field, end_s)
         for helper in helpers:
             helper.tell(msgspec.json.encode(start).decode())
         injector = Injector(self._scenario.faults, self._crew, self._scenario.stations[0].fleet_file)
@@ -138,18 +141,25 @@ class Harness:
     def _probe_file(self) -> Path:
         return self._scenario.folder / "probe.record"
 
-    def _await_start(self, field: Child) -> FieldStart:
+    def _await_robots(self, end_s: float) -> None:
+        """Wait until every robot's loop ticks: no guard's deadline may run while a sibling still starts."""
+        with open_operator(self._scenario) as operator:
+            while silent := operator.ask():
+                self._look_before(end_s, f"robots {', '.join(map(str, silent))} did not answer in time")
+
+    def _await_start(self, field: Child, end_s: float) -> FieldStart:
         assert field.popen.stdout is not None  # noqa: S101 - for the type checker
-        longest_s = STARTING_S + STARTING_A_ROBOT_S * len(self._scenario.stations)
-        end_s = time.monotonic() + longest_s
         while not select.select((field.popen.stdout,), (), (), LOOK_S)[0]:
-            self._look()
-            if self._ended:
-                raise StartError(f"the team did not start: {'; '.join(self._ended.values())}")
-            if time.monotonic() > end_s:
-                words = "; ".join(f"{c.name} said: {c.last_words()}" for c in self._robots())
-                raise StartError(f"not all robots drove within {longest_s:g} s: {words}")
+            self._look_before(end_s, "not all robots drove in time")
         return msgspec.json.decode(field.popen.stdout.readline(), type=FieldStart)
+
+    def _look_before(self, end_s: float, complaint: str) -> None:
+        self._look()
+        if self._ended:
+            raise StartError(f"the team did not start: {'; '.join(self._ended.values())}")
+        if time.monotonic() > end_s:
+            words = "; ".join(f"{c.name} said: {c.last_words()}" for c in self._robots())
+            raise StartError(f"{complaint}: {words}")
 
     def _follow(self, t0_s: float, injector: Injector) -> None:
         end_s, sample_s = t0_s + self._scenario.request.duration_s, t0_s

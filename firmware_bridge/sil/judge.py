@@ -9,7 +9,7 @@ import numpy as np
 from edge_runtime.rate import Percentiles
 from edge_runtime.scene import Floats
 from firmware_bridge.sil.faults import Lasting
-from firmware_bridge.sil.figures import halts, missed_bursts, percentiles, pose_ages
+from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
 from firmware_bridge.sil.harness import Recording
 from firmware_bridge.sil.node import NodeRecord
 from firmware_bridge.sil.report import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
@@ -62,6 +62,9 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
     log = recording.logs[robot_id]
     timing = timing_of([node], recording, period_s)
     speed = np.hypot(node.forward_m_s, node.yaw_rad_s)
+    window = (period_s, recording.t0_s, recording.end_s)
+    ticks = LoggedTicks(log.due_s, log.decided_s, log.misses)
+    counts = miss_counts(np.array(node.command_s), ticks, *window)
     own = [cost for cost in recording.costs if cost.name.partition("/")[0] == f"robot_{robot_id}"]
     return RobotQuality(
         achieved_rate_hz=timing.share / period_s,
@@ -80,8 +83,10 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         robot_id=robot_id,
         exempt=any(robot_id in fault.hits for fault in scenario.faults),
         stop_reason=runtime.stop_reason if runtime else "",
-        undecided_ticks=int(missed_bursts(log.decided_s, period_s, recording.t0_s, recording.end_s).sum()),
+        undecided_ticks=int(missed_bursts(log.decided_s, *window).sum()),
         runtime_misses=runtime.deadline_misses if runtime else None,
+        lacking_commands=counts.lacking if counts else None,
+        counted_misses=counts.counted if counts else None,
         stopped_ticks=runtime.faults if runtime else {},
         refused_messages=fleet.refused if fleet else {},
         accepted_messages=fleet.accepted if fleet else 0,
@@ -92,7 +97,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
             for begin_s, end_s in log.gaps_s(recording.t0_s, recording.end_s, 3.0 * period_s)
         ),
         objective_changes_s=tuple((at_s - recording.t0_s, version) for at_s, version in log.changes_s()),
-        halts_s=halts(np.array(node.command_s), speed, period_s, recording.t0_s, recording.end_s),
+        halts_s=halts(np.array(node.command_s), speed, *window),
         goal_distance_m=deeds.goal_distance_m,
         least_distance_m=deeds.least_distance_m,
         greatest_speed_m_s=deeds.greatest_speed_m_s,

@@ -26,6 +26,8 @@ class RunLimits(_Positive, frozen=True, forbid_unknown_fields=True):
     """Least share of the ticks that reach the firmware as commands."""
     longest_burst: int | None = None
     """Most deadlines missed in a row."""
+    uncounted_misses: int | None = None
+    """How far a loop's count of missed deadlines may be from the commands that its firmware lacked."""
     pose_to_command_age_periods: float | None = None
     """p99, in control periods."""
     fleet_message_age_periods: float | None = None

@@ -84,7 +84,7 @@ class MavlinkNode(FirmwareNode):
         if "attitude" in due:
             yaw = swap_heading_yaw(pose.heading_rad)
             self._send(common.MAVLink_attitude_message(boot_ms, 0.0, 0.0, yaw, 0.0, 0.0, -pose.yaw_rad_s))
-        if "local_position_ned" in due:
+        if "local_position_ned" in due and self.located:
             self._send_position(boot_ms, pose)
 
     def _send_position(self, boot_ms: int, pose: Pose) -> None:

@@ -40,6 +40,8 @@ class FirmwareNode(abc.ABC):
         self.robot_id = robot_id
         self.stale = self.corrupt = self.not_finite = False
         """Faults: the pose stands still in time, frames are damaged, the pose is not a number."""
+        self.located = False
+        """Whether it tells its pose already. Before, its runtime commands nothing, and its guard waits."""
         self._motion = REST
         self._fresh_until_s = 0.0
         self._timeouts = self._obeyed = 0

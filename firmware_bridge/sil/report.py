@@ -53,6 +53,11 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     guard withheld or the wire lost."""
     runtime_misses: int | None
     """Deadlines that the runtime itself counted as missed, from its start to its end."""
+    lacking_commands: int | None = None
+    """Ticks that brought the firmware no command, neither in time nor late, between two punctual commands;
+    None where its log does not tell enough to compare."""
+    counted_misses: int | None = None
+    """Deadlines that the loop counted as missed between the decisions behind these two commands."""
     stopped_ticks: dict[str, int]
     """Ticks in which the runtime commanded rest, by reason, from its start to its end."""
     refused_messages: dict[str, int]

@@ -24,6 +24,10 @@ class RobotLog(NamedTuple):
     """When; as long as ``used_ages_s``."""
     versions: Floats
     """Of the objectives that each decision followed."""
+    due_s: Floats
+    """When each tick was due."""
+    misses: Floats
+    """Deadlines that the loop had counted as missed, at each decision."""
     fresh: Floats
     """1 where the decision was the first on that message, 0 where it was used before."""
 
@@ -53,7 +57,7 @@ class RobotLog(NamedTuple):
 
 def read_robot_log(folder: Path) -> RobotLog:
     """Return what the log in a folder holds, up to its damage if it has any."""
-    decided, pose, ages, at, versions, fresh = (array("d") for _ in range(6))
+    decided, pose, ages, at, versions, due, misses, fresh = (array("d") for _ in range(8))
     newest: dict[int, float] = {}
     # A full disk leaves files without even their first bytes.
     for path in sorted(path for path in folder.glob("*.mcap") if path.stat().st_size > len(MCAP0_MAGIC)):
@@ -63,9 +67,11 @@ def read_robot_log(folder: Path) -> RobotLog:
             decided.append(tick.command.stamp_s)
             pose.append(tick.state.own.stamp_s)
             versions.append(tick.inputs.objectives_version)
+            due.append(tick.inputs.deadline_s)
+            misses.append(tick.inputs.misses)
             for mate in tick.state.teammates:
                 ages.append(mate.age_s)
                 at.append(tick.command.stamp_s)
                 fresh.append(newest.get(mate.state.robot_id) != mate.state.stamp_s)
                 newest[mate.state.robot_id] = mate.state.stamp_s
-    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, versions, fresh)))
+    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, versions, due, misses, fresh)))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from edge_runtime.flags import make_mission, make_parser
 from edge_runtime.key_file import read_key
+from edge_runtime.operator_link import OperatorLink
 from edge_runtime.run import BRIDGES
 from firmware_bridge.frames import rotate
 from firmware_bridge.sil.can_node import PROFILE
@@ -16,6 +17,8 @@ MODULE = "edge_runtime.run"
 STARTING_S = 120.0
 """Added to a robot's --duration: the harness ends it long before, when the run is over."""
 LONGEST_GUARD_DEADLINE_S = 1.0
+ANSWER_S = 0.25
+"""How long the robots have to answer before the harness looks whether they live."""
 
 
 def robot_arguments(scenario: Scenario, station: Station) -> list[str]:
@@ -59,6 +62,14 @@ def check_robot(scenario: Scenario, station: Station) -> None:
     link.make_spec(station.robot_id, mission.bundle.manifest, link.options_from(flags), mission.rate_hz)
     if scenario.fleet.carrier is not None:
         read_key(Path(scenario.fleet.carrier.key))
+
+
+def open_operator(scenario: Scenario) -> OperatorLink:
+    """Return an operator's link to all robots; who answers it has a control loop that ticks."""
+    carrier = scenario.fleet.carrier
+    assert carrier is not None  # noqa: S101 - for the type checker: a team of processes has one
+    ports = {station.robot_id: (HOST, station.port) for station in scenario.stations}
+    return OperatorLink(ports, read_key(Path(carrier.operator_key or carrier.key)), ANSWER_S)
 
 
 def report_path(scenario: Scenario, robot_id: int) -> Path:

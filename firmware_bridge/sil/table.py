@@ -1,5 +1,7 @@
 """What a person sees of a run."""
 
+from collections.abc import Sequence
+
 from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.report import Quality, RobotQuality, SilReport
 
@@ -69,8 +71,18 @@ def _notes(report: SilReport) -> list[str]:
         f"machine: {machine.cores} cores, wake-up late by ms {_distribution(machine.wake_ms)}, "
         f"others took {machine.others_cpu_cores:.2f} cores"
     ]
+    lines.append(f"misses: {_misses(report.robots)}")
     lines += [f"fault: {fault.details}" for fault in report.faults]
     return lines
+
+
+def _misses(robots: Sequence[RobotQuality]) -> str:
+    pairs = [(robot.lacking_commands, robot.counted_misses) for robot in robots if not robot.exempt]
+    known = [(lacking, counted) for lacking, counted in pairs if lacking is not None and counted is not None]
+    agree = all(lacking == counted for lacking, counted in known)
+    said = "both counts agree" if agree else "the counts differ"
+    lacking, counted = (sum(column) for column in zip((0, 0), *known, strict=True))
+    return f"the firmware lacked {lacking} commands, the loops counted {counted}: {said}"
 
 
 def _verdict(report: SilReport, colour: bool) -> str:

@@ -37,6 +37,9 @@ def _timing(robot: RobotQuality, limits: RunLimits) -> Iterator[str]:
         yield f"{robot.achieved_rate_share:.2%} of the ticks, {least:.2%} needed"
     if longest is not None and robot.longest_burst > longest:
         yield f"{robot.longest_burst} deadlines missed in a row, {longest} allowed"
+    most, lacking, counted = limits.uncounted_misses, robot.lacking_commands, robot.counted_misses
+    if most is not None and lacking is not None and counted is not None and abs(lacking - counted) > most:
+        yield f"its firmware lacked {lacking} commands, its loop counted {counted} misses"
     share = limits.objective_violation_share
     if share is not None and robot.objective_violations_share > share:
         yield f"objectives broken {robot.objective_violations_share:.1%} of the time, {share:.1%} allowed"
