@@ -20,7 +20,11 @@ floats = st.floats(allow_nan=True, allow_infinity=True)
 pairs = st.tuples(floats, floats)
 states = st.builds(RobotState, st.integers(0, 9), floats, pairs, pairs, floats)
 teams = st.builds(
-    TeamState, states, st.lists(st.builds(Teammate, states, pairs, floats), max_size=3).map(tuple), st.text()
+    TeamState,
+    states,
+    st.lists(st.builds(Teammate, states, pairs, floats), max_size=3).map(tuple),
+    st.one_of(st.text(), st.just(',"ranges_m":null'), st.just('x","ranges_m":null,"')),
+    st.none() | st.lists(floats, max_size=3).map(tuple),
 )
 
 
@@ -30,6 +34,11 @@ def test_a_record_comes_back_bit_for_bit(team):
     message = encode(team)
     assert repr(decoder(TeamState).decode(message)) == repr(team)
     json.loads(message, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+@given(teams)
+def test_what_is_none_is_left_out(team):
+    assert ("ranges_m" in json.loads(encode(team))) == (team.ranges_m is not None)
 
 
 def test_what_is_not_finite_is_spelled_as_protobuf_spells_it():
