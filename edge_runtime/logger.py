@@ -1,57 +1,49 @@
 """The process that writes a run's log, so that no disk and no collector ever holds up the loop.
 
-``python -m edge_runtime.logger FD PLAN`` is started by `edge_runtime.recorder`. It empties the socket ten
-times a second rather than wake for every tick, ends a chunk twice a second, and goes on until the socket
-closes: the log of a loop that was killed is complete.
+``python -m edge_runtime.logger FD PLAN RING`` is started by `edge_runtime.recorder`. Twice a second it
+empties the ring and ends a chunk, rather than wake for every tick, and it goes on until the socket closes:
+the log of a loop that was killed is complete.
 """
 
 import contextlib
 import gc
 import os
+import select
 import signal
 import socket
 import sys
-import time
 from typing import Final
 
 import msgspec
 
+from edge_runtime.log_ring import Ring
 from edge_runtime.log_run import RunLog
-from edge_runtime.log_wire import PACKET_BYTES, LogPlan, decode_packet, encode_report
+from edge_runtime.log_wire import LogPlan, decode_packet, encode_report
 
-POLL_S: Final = 0.1
-FLUSH_S: Final = 0.5
+PERIOD_S: Final = 0.5
 NICENESS: Final = 10
 """The loop goes first where they share a core."""
 SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 """Meant for the loop; the logger ends after it."""
 
 
-def serve(connection: socket.socket, run: RunLog) -> None:
-    """Write what arrives until the loop's end closes."""
-    connection.setblocking(False)
-    buffer = bytearray(PACKET_BYTES)
-    due_s = time.monotonic() + FLUSH_S
-    while _drain(connection, buffer, run):
-        if time.monotonic() >= due_s:
+def serve(connection: socket.socket, ring: Ring, run: RunLog) -> None:
+    """Write what arrives until the loop's end of the connection closes."""
+    over = False
+    while not over:
+        over = bool(select.select((connection,), (), (), PERIOD_S)[0])
+        for packet in ring.take():
+            run.take(decode_packet(packet))
+        if not over:
             run.files.flush()
-            due_s = time.monotonic() + FLUSH_S
-        time.sleep(POLL_S)
     run.close()
 
 
-def _drain(connection: socket.socket, buffer: bytearray, run: RunLog) -> bool:
-    """Take what has arrived; whether more may come."""
-    while True:
-        try:
-            size = connection.recv_into(buffer)
-        except BlockingIOError:
-            return True
-        except ConnectionResetError:
-            return False
-        if not size:
-            return False
-        run.take(decode_packet(memoryview(buffer)[:size]))
+def be_ordinary() -> None:
+    """Leave the processor to whoever is in more of a hurry; a real-time parent's priority is not for this."""
+    with contextlib.suppress(OSError):  # what may not be asked for everywhere is not needed either
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    os.nice(NICENESS)
 
 
 def main(arguments: list[str]) -> int:
@@ -60,7 +52,10 @@ def main(arguments: list[str]) -> int:
     os.set_inheritable(connection.fileno(), False)
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    os.nice(NICENESS)
+    be_ordinary()
+    descriptor = int(arguments[2])
+    ring = Ring(descriptor)
+    os.close(descriptor)
     run = RunLog(msgspec.json.decode(arguments[1], type=LogPlan))
     run.files.open()
     opened = run.files.report()
@@ -68,7 +63,7 @@ def main(arguments: list[str]) -> int:
     if opened.failure:
         return 2
     gc.freeze()
-    serve(connection, run)
+    serve(connection, ring, run)
     with contextlib.suppress(OSError):  # the loop was killed
         connection.send(encode_report(run.files.report()))
     return 0

@@ -24,7 +24,7 @@ from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.realtime import EarlyWake, enter_realtime, freeze_garbage
-from edge_runtime.recorder import Record, Unrecorded, open_record
+from edge_runtime.recorder import Recorder, open_record
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.signals import StopSignals
 from edge_runtime.watch.sender import Watch, open_watch
@@ -54,7 +54,7 @@ class Session:
     timing: TimingRecord
     monitor: Monitor
     watch: Watch
-    recorder: Record
+    recorder: Recorder | None
     dry_run: bool
 
 
@@ -87,7 +87,8 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
         fleet.share(own, command)
         monitor.follow(team, guided, command)
         session.watch.follow(team, guided, command)
-        session.recorder.follow(deadline_s, team, observation, guided, command)
+        if session.recorder:
+            session.recorder.follow(deadline_s, team, observation, guided, command)
     return reason
 
 
@@ -101,13 +102,13 @@ def run(
     dry_run: bool,
     early_wake_s: float = 0.0,
     stay: bool = False,
-    recorder: Record | None = None,
+    recorder: Recorder | None = None,
 ) -> RunReport:
     """Drive the robot until goals are held, time is up, a signal or an operator ends it, or the link fails.
 
     With ``stay``, goals that are held do not end the run.
     """
-    session = _prepare(mission, bridge, early_wake_s, recorder or Unrecorded(), dry_run=dry_run)
+    session = _prepare(mission, bridge, early_wake_s, recorder, dry_run=dry_run)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -134,12 +135,12 @@ def run(
         dry_run=dry_run,
         failed=bool(failure),
         fleet=fleet.report(),
-        log=session.recorder.end(reason, failed=bool(failure)),
+        log=recorder.end(reason, failed=bool(failure)) if recorder else None,
     )
 
 
 def _prepare(
-    mission: Mission, bridge: "Bridge", early_wake_s: float, recorder: Record, *, dry_run: bool
+    mission: Mission, bridge: "Bridge", early_wake_s: float, recorder: Recorder | None, *, dry_run: bool
 ) -> Session:
     controller = mission.controllers(bridge.max_speed_m_s)[mission.robot_id]
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
@@ -147,7 +148,8 @@ def _prepare(
     grid = DeadlineGrid(mission.period_s, sleep=sleep)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
     timing = TimingRecord(STAGES)
-    recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
+    if recorder:
+        recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
     watch = open_watch(mission, monitor, grid, timing)
     return Session(controller, grid, timing, monitor, watch, recorder, dry_run)
 

@@ -3,14 +3,12 @@
 import select
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import TypeVar
 
-import msgspec
-
+from edge_runtime.child import start_child
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard_link import Setpoint
@@ -60,9 +58,7 @@ class GuardedBridge:
             BridgeError: if the guard could not start, with its reason.
         """
         self._socket.close()
-        self._socket, child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with child:
-            self._process = _start_guard(self._spec, child)
+        self._socket, self._process = start_child("firmware_bridge.guard", self._spec)
         self._connected = True
         self._socket.setblocking(False)
         try:
@@ -176,19 +172,3 @@ class GuardedBridge:
                 raise BridgeError(
                     f"the guard (process {self._process.pid}) did not end within {STOPPING_S:g} s"
                 ) from None
-
-
-def _start_guard(spec: GuardSpec, child: socket.socket) -> "subprocess.Popen[bytes]":
-    """Run the guard in its own session, so that the terminal's Ctrl-C reaches only the runtime."""
-    return subprocess.Popen(  # noqa: S603 - our own interpreter and module
-        [
-            sys.executable,
-            "-m",
-            "firmware_bridge.guard",
-            str(child.fileno()),
-            msgspec.json.encode(spec).decode(),
-        ],
-        pass_fds=(child.fileno(),),
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-    )

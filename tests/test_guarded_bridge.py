@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 
-import msgspec
 import pytest
 from guard_fakes import spec
 
@@ -13,7 +12,6 @@ import firmware_bridge.guarded_bridge as bridge_module
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_spec import GuardSpec
 from firmware_bridge.guard_wire import (
     Counts,
     Event,
@@ -38,13 +36,14 @@ class Played:
         self.opening = [Event(Phase.WATCHING, "open")]
         self.lifetime = "pass"
 
-    def start(self, _, child) -> "subprocess.Popen[bytes]":
-        self.socket = child.dup()
+    def start(self, module, asked) -> "tuple[socket.socket, subprocess.Popen[bytes]]":
+        assert (module, asked) == ("firmware_bridge.guard", spec())
+        ours, self.socket = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for event in self.opening:
             self.tell(event)
         if not self.opening:
             self.socket.close()
-        return subprocess.Popen([sys.executable, "-c", self.lifetime])
+        return ours, subprocess.Popen([sys.executable, "-c", self.lifetime])
 
     def tell(self, event) -> None:
         encode = encode_event if isinstance(event, Event) else encode_report
@@ -57,7 +56,7 @@ class Played:
 @pytest.fixture
 def guard(monkeypatch):
     played = Played()
-    monkeypatch.setattr(bridge_module, "_start_guard", played.start)
+    monkeypatch.setattr(bridge_module, "start_child", played.start)
     yield played
     if played.socket is not None:
         played.socket.close()
@@ -141,24 +140,6 @@ def test_a_guard_that_is_stopping_is_not_asked_again_and_takes_no_commands(bridg
     guard.socket.setblocking(False)
     with pytest.raises(BlockingIOError):
         guard.heard()
-
-
-def test_the_guard_is_our_own_interpreter_in_a_session_of_its_own(monkeypatch):
-    started = []
-    monkeypatch.setattr(bridge_module.subprocess, "Popen", lambda *a, **k: started.append((a, k)))
-    with socket.socket() as child:
-        bridge_module._start_guard(spec(), child)
-        number = child.fileno()
-    (((arguments,), options),) = started
-    assert arguments[:4] == [sys.executable, "-m", "firmware_bridge.guard", str(number)]
-    assert msgspec.json.decode(arguments[4], type=GuardSpec) == spec()
-    assert len(arguments) == 5
-    # Ctrl-C on the terminal must not reach the guard before the runtime has told it to stop.
-    assert options == {
-        "pass_fds": (number,),
-        "stdin": subprocess.DEVNULL,
-        "start_new_session": True,
-    }
 
 
 def test_stop_without_a_guard_is_an_error(bridge, guard):

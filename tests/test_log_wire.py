@@ -1,0 +1,67 @@
+"""Packets between loop and logger: every record comes back bit for bit, in order."""
+
+import struct
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.log_schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Tick
+from edge_runtime.log_wire import decode_packet, encode_packet, is_tick, pack_tick, tick_packet
+from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+
+floats = st.floats(allow_nan=True, allow_infinity=True)
+numbers = st.integers(0, 2**40)
+pairs = st.tuples(floats, floats)
+many = st.lists(floats, max_size=4).map(tuple)
+states = st.builds(RobotState, st.integers(0, 9), floats, pairs, pairs, floats)
+mates = st.lists(st.builds(Teammate, states, pairs, floats), max_size=3).map(tuple)
+teams = st.builds(TeamState, states, mates, st.text(), st.none() | many, mates)
+actions = st.builds(GuidedAction, pairs, st.integers(0, 9), many, correction=pairs, cut=st.booleans())
+commands = st.builds(Command, st.integers(0, 9), numbers, floats, pairs, pairs, st.text())
+ticks = st.builds(
+    Tick,
+    st.builds(Inputs, numbers, floats, numbers, numbers, pairs, pairs),
+    teams,
+    st.builds(Observation, st.lists(st.floats(width=32), max_size=9).map(tuple)),
+    actions,
+    commands,
+    st.builds(StageTimes, *[floats] * 7),
+)
+others = st.one_of(
+    st.builds(End, st.text(), st.booleans(), numbers, numbers, numbers),
+    st.builds(ObjectiveSet, numbers, st.text(), floats, floats, st.just(())),
+)
+
+
+def packet_of(record, buffer):
+    if not isinstance(record, Tick):
+        return encode_packet(record)
+    inputs, laps = record.inputs, [getattr(record.timing, name) for name in StageTimes.__struct_fields__]
+    values = record.observation.values
+    seen = memoryview(struct.pack(f"={len(values)}f", *values))
+    pack_tick(
+        (
+            inputs.number,
+            inputs.deadline_s,
+            inputs.misses,
+            inputs.objectives_version,
+            inputs.start,
+            inputs.previous_action,
+            record.state,
+            seen,
+            record.action,
+            record.command,
+            laps,
+        ),
+        buffer,
+    )
+    return bytes(buffer)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.one_of(ticks, others), max_size=5))
+def test_records_come_back_bit_for_bit(records):
+    buffer = tick_packet()  # what is left of the last tick must not show
+    packets = [memoryview(packet_of(record, buffer)) for record in records]
+    assert repr([decode_packet(packet) for packet in packets]) == repr(records)
+    assert [is_tick(packet) for packet in packets] == [isinstance(record, Tick) for record in records]
