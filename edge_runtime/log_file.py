@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 from mcap.writer import Writer
 
+from edge_runtime.log_index import PackedIndex
 from edge_runtime.log_json import encode, json_schema
 from edge_runtime.log_schema import CHANNELS, LOG_FORMAT
 
@@ -54,12 +55,14 @@ class LogFile:
         fcntl.flock(self._descriptor, fcntl.LOCK_EX)
         self._stream = _Stream(self._descriptor)
         self._writer = Writer(self._stream, enable_data_crcs=True)  # type: ignore[arg-type]  # three methods
+        self._writer._Writer__chunk_indices = PackedIndex()  # type: ignore[attr-defined]
         self._channels: dict[str, int] = {}
         try:
             self._writer.start(PROFILE, LOG_FORMAT)
             self._writer.flush()  # type: ignore[no-untyped-call]
         except OSError:
             self.abandon()
+            path.unlink()  # a full disk may take the name of a file: it must be free for the next try
             raise
         for topic, (name, record) in CHANNELS.items():
             schema = self._writer.register_schema(name, "jsonschema", json_schema(record))

@@ -1,7 +1,9 @@
 """A run over several files: rotation, the cap on the disk, a disk that refuses."""
 
+import errno
 import fcntl
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -11,6 +13,7 @@ from pathlib import Path
 import pytest
 from logs import record, ticks
 
+from edge_runtime import log_file
 from edge_runtime.log_folder import file_name, make_room, run_name
 from edge_runtime.log_reader import Damage, read_log
 from edge_runtime.log_run import RunLog
@@ -140,3 +143,29 @@ def test_a_disk_that_takes_files_again_gets_a_new_one(run, tmp_path):
     assert report.lost == len(lost)
     assert [*lost, *ticks(path)] == ticks_of(run)
     assert isinstance(next(read_log(path)), Start)
+
+
+def test_a_disk_that_takes_a_files_name_but_no_content_is_tried_again(run, tmp_path, monkeypatch):
+    """A full disk does so; the name must be free for the next try."""
+    now, full = [0.0], [True]
+    write = log_file.os.write
+
+    def refuse(descriptor, content):
+        if full[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(descriptor, content)
+
+    monkeypatch.setattr(log_file.os, "write", refuse)
+    log = RunLog(plan(tmp_path), lambda: now[0])
+    log.files.open()
+    for item in run[:20]:
+        log.take(item)
+    assert "No space left" in log.files.report().failure
+    assert list(tmp_path.iterdir()) == []
+    now[0], full[0] = 10.0, False
+    log.files.flush()
+    for item in run[20:]:
+        log.take(item)
+    log.close()
+    (path,) = tmp_path.iterdir()
+    assert ticks(path)[-1].inputs.number == ticks_of(run)[-1].inputs.number
