@@ -10,6 +10,7 @@ COMMANDS = {
     "latency": "benchmarks.latency.command",
     "navigation": "benchmarks.navigation",
     "sil": "benchmarks.sil.command",
+    "page": "benchmarks.page",
     "pictures": "benchmarks.pictures",
     "paper": "benchmarks.paper.command",
     "recording": "benchmarks.recording",

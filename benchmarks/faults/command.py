@@ -21,8 +21,9 @@ from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, read_rows, replaced, table, timed
+from benchmarks.faults.rows import Row, draw, read_rows, render, replaced, table, timed
 from benchmarks.faults.trials import FAULTS, Fault, run_trial, undisturbed
+from benchmarks.page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 COMMANDS_A_TRIAL = 5000
@@ -45,6 +46,8 @@ REALTIME = ", --realtime"
 def main(arguments: Sequence[str]) -> int:
     """Run all measurements, print the table and write the rows."""
     options = _parse(arguments)
+    if options.html:
+        check_writable(options.html)
     with Progress(disable=not sys.stderr.isatty()) as progress:
         rows = list(_measure(options, progress))
     print(table(rows))
@@ -52,6 +55,8 @@ def main(arguments: Sequence[str]) -> int:
     options.json.parent.mkdir(parents=True, exist_ok=True)
     rows = replaced(read_rows(options.json), rows)
     options.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
+    if options.html:
+        write_html(options.html, render(rows), drawings={"stops.svg": draw(rows)})
     return 0
 
 
@@ -82,6 +87,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         help=f"runtime and guard as under edge-run --realtime, rows {REALTIME!r}",
     )
     parser.add_argument("--json", type=Path, default=RESULTS, help="where the rows go")
+    add_html_flag(parser)
     options = parser.parse_args(arguments)
     if options.trials < 1:
         parser.error(f"--trials must be positive, got {options.trials}")

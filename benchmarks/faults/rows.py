@@ -7,6 +7,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from edge_runtime.report_page import chart
+
+DRAWN_MS = 100.0
+"""The firmware's own timeout would hide what the guard takes."""
+
 
 class Row(msgspec.Struct, frozen=True):
     """One line of the table; what was only counted has no times, what was timed has no count."""
@@ -55,6 +60,29 @@ def table(rows: Sequence[Row]) -> str:
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def render(rows: Sequence[Row]) -> str:
+    """The rows as Markdown; ``stops.svg`` is what `draw` returns."""
+    return "\n\n".join(
+        [
+            "# How fast the robot is stopped",
+            "Written by `python -m benchmarks faults`: milliseconds until the stop command stands on the "
+            "wire, measured at the firmware's end.",
+            "## Faults",
+            table(rows),
+            f"![95th percentiles in milliseconds, of those up to {DRAWN_MS:g}](stops.svg)",
+        ]
+    )
+
+
+def draw(rows: Sequence[Row]) -> str:
+    """95th percentiles as bars, as SVG."""
+    drawn: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row.p95_ms is not None and row.p95_ms <= DRAWN_MS:
+            drawn.setdefault(row.fault, {})[row.bridge] = row.p95_ms
+    return chart.bars(drawn, "ms")
 
 
 def _cell(milliseconds: float | None) -> str:

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.latency import footprint, limit, machine, paced
+from benchmarks.latency import footprint, limit, machine, paced, page
 from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
@@ -13,6 +13,7 @@ from benchmarks.latency.measure import Timing, interleave
 from benchmarks.latency.rows import Row, compare, make_rows, read_rows, write_rows
 from benchmarks.latency.sweeps import CONTENDERS as SWEPT
 from benchmarks.latency.sweeps import SWEEPS
+from benchmarks.page import add_html_flag, check_writable, write_html
 from edge_runtime.errors import PolicyError
 from edge_runtime.kernel import load_kernel
 
@@ -24,8 +25,13 @@ SMALL = Case(layers=(128, 128))
 def main(arguments: Sequence[str]) -> int:
     """Returns 0; 1 if a budget is broken; 3 if a full run was not on a quiet machine."""
     flags = _parse(arguments)
+    if flags.html:
+        check_writable(flags.html)
     old = read_rows(flags.compare) if flags.compare else []
-    rows, code = run_short(load_budgets()) if flags.short else _run_full(flags.out)
+    if flags.short:
+        rows, code = run_short(load_budgets(), html=flags.html)
+    else:
+        rows, code = _run_full(flags.out, flags.html)
     if flags.json:
         write_rows(flags.json, rows)
     for line in compare(old, rows):
@@ -39,6 +45,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="for the page and pictures")
+    add_html_flag(parser)
     return parser.parse_args(arguments)
 
 
@@ -53,20 +60,22 @@ def run_short(
     case: Case = DEFAULT,
     rounds: int = 15,
     slot_s: float = 0.12,
+    html: Path | None = None,
 ) -> tuple[list[Row], int]:
     """Time what the budgets name, and judge them."""
     named = {name for budget in budgets for name in (budget.backend, budget.against)}
     timings = measure_case(case, [name for name in CONTENDERS if name in named], rounds, slot_s)
     rows = _contender_rows(case, timings)
-    verdicts = judge(budgets, timings)
+    verdicts, noise = judge(budgets, timings), machine.noise(timings)
     _print_rows(case, rows)
-    for line in [*map(str, verdicts), *(f"not quiet: {reason}" for reason in machine.noise(timings))]:
+    for line in [*map(str, verdicts), *(f"not quiet: {reason}" for reason in noise)]:
         print(line)
+    write_html(html, page.render_short(case, rows, verdicts, noise))
     return rows, 0 if all(verdict.held for verdict in verdicts) else 1
 
 
-def _run_full(out: Path) -> tuple[list[Row], int]:
-    from benchmarks.latency import page, pictures  # noqa: PLC0415
+def _run_full(out: Path, html: Path | None) -> tuple[list[Row], int]:
+    from benchmarks.latency import pictures  # noqa: PLC0415
 
     out.mkdir(parents=True, exist_ok=True)
     machine_now = machine.describe(_engine())
@@ -90,11 +99,13 @@ def _run_full(out: Path) -> tuple[list[Row], int]:
         footprints=[footprint.measure(backend) for backend in ("numpy", "compiled")],
         estimate=estimate_orin_nano(default),
     )
-    (out / "latency.md").write_text(page.render(result))
+    text = page.render(result)
+    (out / "latency.md").write_text(text)
     for index, growth in enumerate(growths):
         pictures.draw_sweep(growth, out / f"sweep_{index}.png")
     pictures.draw_paced(result.paced, out / "paced.png")
-    print(page.render(result))
+    write_html(html, text, out)
+    print(text)
     return [*default, *small, *rows, *result.paced], _exit_code(verdicts, result.noise)
 
 

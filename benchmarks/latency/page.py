@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import msgspec
 
 from benchmarks.latency.budgets import Verdict
+from benchmarks.latency.cases import Case
 from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
 from benchmarks.latency.machine import Machine
 from benchmarks.latency.rows import Row
+from benchmarks.page import table
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,6 +58,19 @@ def render(result: Result) -> str:
     return "\n\n".join(section for section in sections if section) + "\n"
 
 
+def render_short(case: Case, rows: Sequence[Row], verdicts: Sequence[Verdict], noise: Sequence[str]) -> str:
+    """The page of a short run."""
+    sections = [
+        "# Latency of one tick, short run",
+        "Written by `python -m benchmarks latency --short`.",
+        _verdict(noise),
+        f"## {case}",
+        _rows(rows),
+        "\n".join(f"- {verdict}" for verdict in verdicts),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
 def _verdict(noise: Sequence[str]) -> str:
     if not noise:
         return "The machine was quiet: the run is valid."
@@ -74,14 +89,9 @@ def _machine(machine: Machine) -> str:
     )
 
 
-def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    rule = ["---", *["--:"] * (len(header) - 1)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *lines])
-
-
 def _rows(rows: Sequence[Row]) -> str:
     header = ["backend", "median µs", "best round", "p99", "p99.9", "times eager"]
-    return _table(header, [[row.backend, *_durations(row), _ratio(row)] for row in rows])
+    return table(header, [[row.backend, *_durations(row), _ratio(row)] for row in rows])
 
 
 def _durations(row: Row) -> list[str]:
@@ -94,14 +104,14 @@ def _ratio(row: Row) -> str:
 
 def _footprints(footprints: Sequence[Footprint]) -> str:
     header = ["backend", "resident MiB", "first action ms"]
-    return _table(
+    return table(
         header, [[f.backend, f"{f.resident_mib:.1f}", f"{f.first_action_ms:.0f}"] for f in footprints]
     )
 
 
 def _paced(rows: Sequence[Row]) -> str:
     header = ["loop", "median µs", "best part", "p99", "p99.9"]
-    return _table(header, [[row.loop, *_durations(row)] for row in rows])
+    return table(header, [[row.loop, *_durations(row)] for row in rows])
 
 
 def _growth(index: int, growths: Sequence[Growth]) -> str:
@@ -112,9 +122,9 @@ def _growth(index: int, growths: Sequence[Growth]) -> str:
         [str(value), *(f"{us:.1f}" for us in cells), str(paper_terms(sweep.make(value)))]
         for value, *cells in columns
     ]
-    table = f"### {sweep.title}\n\n{_table(header, lines)}"
+    grown = f"### {sweep.title}\n\n{table(header, lines)}"
     slopes = [f"{g.backend} {g.per_unit_us:.2f} µs each, exponent {g.exponent:.2f}" for g in growths]
-    return f"{table}\n\nAlong {sweep.symbol}: {'; '.join(slopes)}.\n\n![{sweep.symbol}](sweep_{index}.png)"
+    return f"{grown}\n\nAlong {sweep.symbol}: {'; '.join(slopes)}.\n\n![{sweep.symbol}](sweep_{index}.png)"
 
 
 def _estimate(estimate: Estimate) -> str:
