@@ -15,7 +15,7 @@ from cantools.database.can import Database
 
 from firmware_bridge.can_bus import bus_arguments
 from firmware_bridge.can_profile import load_profile, profile_path
-from firmware_bridge.sil.node import FirmwareNode, to_monotonic
+from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.world import Pose
 
 PROFILE: Final = "agilex_v2"
@@ -27,8 +27,8 @@ _COMMANDS: Final = 1
 class CanNode(FirmwareNode):
     """Obeys once ControlModeCommand gave it to the computer and the brake is released."""
 
-    def __init__(self, robot_id: int, address: str) -> None:
-        super().__init__(robot_id)
+    def __init__(self, robot_id: int, address: str, pace: Pace) -> None:
+        super().__init__(robot_id, pace)
         path = profile_path(PROFILE)
         profile = load_profile(path)
         self.timeout_s = profile.firmware_timeout_s or 0.0

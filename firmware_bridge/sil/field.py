@@ -22,7 +22,8 @@ from edge_runtime.signals import StopSignals
 from firmware_bridge.sil.can_node import CanNode
 from firmware_bridge.sil.faults import AnyFault, CorruptFrames, NanPose, StalePose
 from firmware_bridge.sil.mavlink_node import MavlinkNode
-from firmware_bridge.sil.node import FirmwareNode, NodeRecord
+from firmware_bridge.sil.node import FirmwareNode, NodeRecord, Pace
+from firmware_bridge.sil.samples import Samples
 from firmware_bridge.sil.scenario import BridgeKind, Station, robot_bundle
 from firmware_bridge.sil.truth import Deeds, Truth
 from firmware_bridge.sil.world import World
@@ -63,7 +64,7 @@ class FieldRecord(msgspec.Struct, frozen=True):
     nodes: tuple[NodeRecord, ...]
     deeds: tuple[Deeds, ...]
     late_s: list[float]
-    """How late each step of the plant was."""
+    """How late each step of the plant was, from the beginning of the measurement."""
 
 
 class Field:
@@ -78,10 +79,11 @@ class Field:
         self._world = World(manifests, starts, headings, spec.ahead_m, STEP_S)
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(self._world, goals, fleet.steering.objectives, STEP_S)
-        self._nodes = [make_node(spec.bridge, station) for station in spec.stations]
-        self._spec = spec
         self._pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
-        self._late_s: list[float] = []
+        pace = Pace(spec.rate_hz, 1.0 / (self._pose_steps * STEP_S), spec.duration_s)
+        self._nodes = [make_node(spec.bridge, station, pace) for station in spec.stations]
+        self._spec = spec
+        self._late_s = Samples(1.0 / STEP_S, spec.duration_s)
         self.t0_s = float("inf")
 
     def run(self, signals: StopSignals) -> None:
@@ -98,14 +100,15 @@ class Field:
             for descriptor, _ in self._poll.poll(max(1e3 * wait_s, 0.0)):
                 by_descriptor[descriptor]()
             if (now_s := time.monotonic()) >= due_s:
-                self._late_s.append(now_s - due_s)
+                if self.t0_s < now_s:
+                    self._late_s.append(now_s - due_s)
                 self._advance(now_s, reports=step % self._pose_steps == 0)
                 step += 1
 
     def record(self) -> FieldRecord:
         """Return everything so far."""
         nodes = tuple(node.record() for node in self._nodes)
-        return FieldRecord(nodes, self._truth.deeds(), self._late_s)
+        return FieldRecord(nodes, self._truth.deeds(), self._late_s.tolist())
 
     def close(self) -> None:
         """Let the wires go."""
@@ -143,11 +146,11 @@ class Field:
                     nodes[fault.robot].corrupt = acts
 
 
-def make_node(bridge: BridgeKind, station: Station) -> FirmwareNode:
+def make_node(bridge: BridgeKind, station: Station, pace: Pace) -> FirmwareNode:
     """Return the firmware of one robot."""
     if bridge == "can":
-        return CanNode(station.robot_id, station.wire)
-    return MavlinkNode(station.robot_id, int(station.wire))
+        return CanNode(station.robot_id, station.wire, pace)
+    return MavlinkNode(station.robot_id, int(station.wire), pace)
 
 
 def record_path(spec: Path) -> Path:

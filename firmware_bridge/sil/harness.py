@@ -61,7 +61,7 @@ class Harness:
     def __init__(self, scenario: Scenario, crew: Crew, signals: StopSignals) -> None:
         self._scenario, self._crew, self._signals = scenario, crew, signals
         self._ended: dict[str, str] = {}
-        self._meter = Meter(crew, os.getpid())
+        self._meter = Meter(crew, os.getpid(), scenario.request.duration_s)
 
     def run(self) -> Recording:
         """Run to the end.
@@ -103,7 +103,8 @@ class Harness:
     def _start_helpers(self) -> list[Child]:
         scenario = self._scenario
         realtime = ["realtime"] if scenario.request.realtime else []
-        helpers = [self._start("probe", "probe", str(self._probe_file), *realtime)]
+        duration = str(scenario.request.duration_s)
+        helpers = [self._start("probe", "probe", str(self._probe_file), duration, *realtime)]
         if scenario.relays:
             ports = {station.robot_id: station.port for station in scenario.stations}
             lines = tuple(Line(robot_id, port, ports[robot_id]) for robot_id, port in scenario.relays)

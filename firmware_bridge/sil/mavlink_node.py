@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 
 from firmware_bridge.frames import rotate, swap_enu_ned, swap_heading_yaw
 from firmware_bridge.mavlink_profiles import PROFILES
-from firmware_bridge.sil.node import FirmwareNode, to_monotonic
+from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.world import Pose
 
 AUTOPILOT: Final = "ardupilot_rover"
@@ -36,8 +36,8 @@ Message: TypeAlias = Any
 class MavlinkNode(FirmwareNode):
     """Listens on a port of this machine and answers whoever spoke last."""
 
-    def __init__(self, robot_id: int, port: int) -> None:
-        super().__init__(robot_id)
+    def __init__(self, robot_id: int, port: int, pace: Pace) -> None:
+        super().__init__(robot_id, pace)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self._socket.setblocking(False)

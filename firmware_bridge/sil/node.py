@@ -2,17 +2,25 @@
 
 import abc
 import time
-from array import array
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
 from edge_runtime.messages import Vector2
+from firmware_bridge.sil.samples import Samples
 from firmware_bridge.sil.world import Pose
 
 REST: Vector2 = (0.0, 0.0)
 LONGEST_QUEUE_S: Final = 1.0
 """No frame waits longer to be read."""
+
+
+class Pace(NamedTuple):
+    """What a node will have to record."""
+
+    commands_hz: float
+    poses_hz: float
+    duration_s: float
 
 
 class NodeRecord(msgspec.Struct, frozen=True):
@@ -36,7 +44,7 @@ class FirmwareNode(abc.ABC):
     timeout_s = 0.5
     """Silence after which this firmware stops by itself."""
 
-    def __init__(self, robot_id: int) -> None:
+    def __init__(self, robot_id: int, pace: Pace) -> None:
         self.robot_id = robot_id
         self.stale = self.corrupt = self.not_finite = False
         """Faults: the pose stands still in time, frames are damaged, the pose is not a number."""
@@ -45,7 +53,9 @@ class FirmwareNode(abc.ABC):
         self._motion = REST
         self._fresh_until_s = 0.0
         self._timeouts = self._obeyed = 0
-        self._command_s, self._forward, self._yaw, self._pose_s = (array("d") for _ in range(4))
+        commands_hz, poses_hz, duration_s = pace
+        self._command_s, self._forward, self._yaw = (Samples(commands_hz, duration_s) for _ in range(3))
+        self._pose_s = Samples(poses_hz, duration_s)
 
     @property
     def setpoints(self) -> int:

@@ -1,18 +1,18 @@
-"""``python -m firmware_bridge.sil.probe FILE [realtime]``: how late this machine wakes a sleeping process.
+"""``python -m firmware_bridge.sil.probe FILE DURATION [realtime]``: how late a sleeping process wakes here.
 
-Sleeps on a grid like a control loop and does nothing else, with the same scheduling as the robots; on SIGTERM
-it writes what it saw.
+Sleeps on a grid like a control loop and does nothing else, with the same scheduling as the robots, once the
+harness tells when the run begins; on SIGTERM it writes what it saw.
 """
 
 import sys
 import time
-from array import array
 from pathlib import Path
 
 import msgspec
 
 from edge_runtime.realtime import enter_realtime
 from edge_runtime.signals import StopSignals
+from firmware_bridge.sil.samples import Samples
 
 PERIOD_S = 0.005
 
@@ -27,10 +27,11 @@ class ProbeRecord(msgspec.Struct, frozen=True):
 
 def main(arguments: list[str]) -> int:
     """Run as the harness's child."""
-    due_s, late_s = array("d"), array("d")
+    due_s, late_s = (Samples(1.0 / PERIOD_S, float(arguments[1])) for _ in range(2))
     with StopSignals() as signals:
-        if "realtime" in arguments[1:]:
+        if "realtime" in arguments[2:]:
             enter_realtime()
+        sys.stdin.readline()
         due = time.monotonic()
         while not signals.reason:
             due = max(due + PERIOD_S, time.monotonic())
