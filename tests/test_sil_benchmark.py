@@ -53,6 +53,11 @@ def missing(name, *robots, **changes):
         ),
         ("objective swap under way", {"objective_changes_s": ((2.0, 1),)}, {"objective_changes_s": ()}),
         (
+            "clock jump of an hour",
+            {"lacking_commands": 0, "counted_misses": 0},
+            {"lacking_commands": 1, "counted_misses": 1, "deadline_misses": 1},
+        ),
+        (
             "objective swap under way",
             {"objective_changes_s": ((2.0, 1),)},
             {"objective_changes_s": ((2.03, 1),)},

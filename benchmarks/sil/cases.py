@@ -25,10 +25,12 @@ class Case(NamedTuple):
     faults: str = ""
     """A timeline; {half}, {whole}, {duration} and {frames} are put in."""
     realtime: bool = True
+    own_clock: bool = False
+    """Its processes have a wall clock of their own; see `benchmarks.sil.clock`."""
 
 
 def cases() -> tuple[Case, ...]:
-    """Return the table's rows in its order; the clock's jump is a row of `benchmarks.sil.guest`."""
+    """Return the table's rows in its order."""
     rate = "99.5 % of the ticks, no burst over 2"
     return (
         Case("rate, CAN", rate, _rate, _show_rate, long_s=60.0),
@@ -104,6 +106,14 @@ def cases() -> tuple[Case, ...]:
             _swapped,
             _show_swapped,
             faults='kind = "objectives"\nfile = "slow.toml"\nat_s = 1.0',
+        ),
+        Case(
+            "clock jump of an hour",
+            "no missed tick",
+            _jumped,
+            _show_jumped,
+            faults='kind = "clock_jump"\nat_s = {half}\nwhole_machine = true',
+            own_clock=True,
         ),
     )
 
@@ -283,6 +293,21 @@ def _show_swapped(report: SilReport) -> str:
     moments = [change[0] for robot in report.robots for change in robot.objective_changes_s]
     apart = f", {1e3 * (max(moments) - min(moments)):.1f} ms apart" if moments else ""
     return f"{len(moments)} of {len(report.robots)} robots changed{apart}"
+
+
+def _jumped(report: SilReport) -> Iterator[str]:
+    yield from report.ended
+    for robot in _driving(report):
+        if robot.deadline_misses:
+            yield f"robot {robot.robot_id} missed {robot.deadline_misses} ticks"
+        if robot.lacking_commands is None or robot.lacking_commands != robot.counted_misses:
+            yield f"robot {robot.robot_id} did not count its misses"
+
+
+def _show_jumped(report: SilReport) -> str:
+    age = report.team.fleet_used_age_ms
+    oldest = "" if age is None else f", oldest state used {age.max:.1f} ms"
+    return f"{report.team.deadline_misses} ticks missed{oldest}"
 
 
 def _soaked(report: SilReport) -> Iterator[str]:

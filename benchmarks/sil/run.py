@@ -1,5 +1,6 @@
 """Runs one case as a user would: edge-sil in a process of its own, its report read back."""
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -8,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from benchmarks.sil.cases import Case
+from benchmarks.sil.clock import own_clock
 from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.report import SilReport
 
@@ -30,8 +32,10 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
             flags.append("--realtime")
         if case.faults:
             flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
+        clock = own_clock(folder) if case.own_clock else {}
         done = subprocess.run(  # noqa: S603 - our own interpreter and module
             [sys.executable, "-m", "firmware_bridge.sil.command", *map(str, flags)],
+            env={**os.environ, **clock},
             capture_output=True,
             text=True,
             check=False,
