@@ -33,6 +33,13 @@ def stamp():
     (_, _, content), = mine.recvmsg(9, 64)[1]
     seconds, nanoseconds = struct.unpack("@ll", content)
     return seconds + 1e-9 * nanoseconds
+def waited():
+    sent = time.time()
+    mine.sendto(b"first", mine.getsockname())
+    time.sleep(0.05)
+    return stamp() - sent < 0.04
+while not waited():  # the kernel turns its stamps on when it has time to
+    pass
 begin, steady = time.time(), time.monotonic()
 mine.sendto(b"before", mine.getsockname())
 time.clock_settime(time.CLOCK_REALTIME, begin + 3600)
