@@ -33,12 +33,13 @@ def blocks(page, language):
 
 
 def commands(page):
-    """The command lines of a page's blocks of commands, as words, without what the shell takes."""
+    """The command lines of a page's blocks: their words, and the file that takes the output, if any."""
     for block in blocks(page, ""):
         for line in block.replace("\\\n", " ").splitlines():
             command = re.sub(r"\s{2,}[#(].*$", "", line).strip().removeprefix("OMP_NUM_THREADS=1 ")
             if re.match(r"[\w./-]*(edge-|python)", command):
-                yield shlex.split(command.partition(" > ")[0].partition(" | ")[0], comments=True)
+                command, _, output = command.partition(" | ")[0].partition(" > ")
+                yield shlex.split(command, comments=True), output
 
 
 def program(words):
@@ -55,7 +56,7 @@ def program(words):
 OWN = {
     f"{page.name}: {' '.join(words)}": found
     for page in PAGES
-    for words in commands(page)
+    for words, _ in commands(page)
     if (found := program(words))
 }
 
