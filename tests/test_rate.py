@@ -122,3 +122,25 @@ def test_maxima_outlive_the_ring():
 
 def test_an_empty_record_has_no_distribution():
     assert TimingRecord(["work"]).tick_us().max == 0.0
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 5, 64, 200])
+def test_recent_durations_are_numpys_percentiles(ticks):
+    """Over the newest ticks alone, also where they lie across the ring's end."""
+    random, now = np.random.default_rng(ticks), 0.0
+    timing = TimingRecord(["read", "act"], capacity=64, clock=lambda: now)
+    rows = random.lognormal(5.0, 2.0, (100, 2))
+    for read, act in rows:
+        timing.begin(now)
+        now += 1e-6 * read
+        timing.lap()
+        now += 1e-6 * act
+        timing.lap()
+        timing.end()
+    newest = rows[-min(ticks, 64) :]
+    wanted = np.percentile(np.column_stack([0.0 * newest[:, 0], newest, newest.sum(1)]), [50, 99], axis=0)
+    np.testing.assert_allclose(timing.recent_us(ticks), wanted.T, rtol=1e-4)
+
+
+def test_no_ticks_have_no_recent_durations():
+    assert TimingRecord(["work"]).recent_us(5) == [(0.0, 0.0)] * 3
