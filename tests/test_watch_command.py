@@ -209,7 +209,7 @@ def test_a_terminal_gets_a_screen_and_is_left_as_it_was(fleet, end):
         os.execve(sys.executable, command, {**os.environ, **size})  # noqa: S606
     before, output = termios.tcgetattr(terminal), b""
     with Talking(fleet) as team:
-        while b"2 of 2" not in output:
+        while b"2 of 2" not in output or b"driving" not in output:  # a busy machine shows half a screen
             team.say(0, 1)
             output += arrived(terminal)
         shown = screen_of(output)
