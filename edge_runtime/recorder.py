@@ -157,7 +157,7 @@ class Recorder:
         """Let the logger finish, and return what became of the record."""
         last_s = time.monotonic() + CLOSING_S
         packet = encode_packet(End(stop_reason, failed, self._number, self._grid.misses, self._lost))
-        while not self._ring.put(packet) and time.monotonic() < last_s:
+        while not self._ring.put(packet) and self._process.poll() is None and time.monotonic() < last_s:
             time.sleep(0.01)
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)

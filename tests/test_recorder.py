@@ -114,7 +114,7 @@ def test_killing_the_run_alone_loses_nothing(drive, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_logger_that_dies_or_hangs_leaves_the_loop_alone(drive, tmp_path, number):
-    """A stopped logger loses ticks only once its socket is full."""
+    """A stopped logger loses ticks only once the ring is full."""
     process = drive("--duration", "2", "--json", str(tmp_path / "run.json"))
     logger = logger_of(process)
     path = log_in(tmp_path, 10_000)
@@ -199,6 +199,31 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     told = [item.message for item in records if isinstance(item, Event) and item.name == "objectives"]
     assert told[1] == "version 7: speed_limit (guidance terminal)"
     assert replay([str(path)]) == 0
+
+
+def test_ticks_that_a_dead_logger_never_read_are_lost(tmp_path):
+    """Those in the ring and those that had no room there."""
+    fleet = load_fleet(DEFAULT_FLEET)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 100.0)
+    controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
+    team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.2, 0.1)))
+    observation = controller.observe(team)
+    guided = controller.act(observation, team)
+    command = controller.limit(guided, team, time.monotonic())
+    timing.begin(time.monotonic())
+    for _ in STAGES:
+        timing.lap()
+    timing.end()
+    with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 2), 10**8, 60.0, 10**9)) as recorder:
+        recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
+        recorder._process.kill()
+        recorder._process.wait()
+        for _ in range(4000):
+            recorder.follow(time.monotonic(), team, observation, guided, command)
+        assert 0 < recorder._lost < 4000
+        report = recorder.end("done", failed=False)
+    assert (report.ticks, report.lost) == (0, 4000)
+    assert "the logger died" in report.failure
 
 
 def test_no_log_writes_none(tmp_path, capsys):
