@@ -31,7 +31,12 @@ def session_config(
     next. Robots are peers of each other, the one with the greater id connects, or clients of the router.
     """
     config: Json = {
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
+        "scouting": {
+            "multicast": {"enabled": False},
+            # Robots connect as the fleet file says: a second link to an address that gossip tells of could
+            # take another way than the one that the file names.
+            "gossip": {"enabled": True, "autoconnect": {"router": [], "peer": []}},
+        },
         "transport": {
             "unicast": {"max_links": 4},
             "shared_memory": {"enabled": False},

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
+import edge_runtime
 from edge_runtime.signals import StopSignals
 from firmware_bridge.sil import command, harness
 from firmware_bridge.sil.faults import KINDS
 from firmware_bridge.sil.processes import Crew
 from firmware_bridge.sil.robots import check_robot
 from firmware_bridge.sil.scenario import Request, prepare
+from firmware_bridge.sil.team_file import write_key
 
 SIL = (sys.executable, "-m", "firmware_bridge.sil.command")
 LENIENT = "[run]\n[machine]\n"
@@ -232,6 +234,19 @@ def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
     key.chmod(0o644)
     done, _ = run(folder, "--fleet", folder / "team.toml", "--duration", "1")
     assert done.returncode == 2 and "chmod 600" in done.stderr
+
+
+def test_a_team_on_zenoh_has_no_way_around_a_blackout(folder):
+    pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
+    write_key(folder / "team.key")
+    packaged = Path(edge_runtime.__file__).parent / "fleets" / "zenoh.toml"
+    (folder / "team.toml").write_bytes(packaged.read_bytes())
+    dark = '[[fault]]\nkind = "blackout"\nat_s = 0.5\nfor_s = 3.0\n'
+    done, report = run(folder, "--fleet", folder / "team.toml", "--duration", "6", faults=dark)
+    assert done.returncode == 0, done.stderr
+    for robot in report["robots"]:
+        assert robot["stopped_ticks"]["no teammate was heard for 1 s"] > 5
+        assert any(begin < 3.5 < end < 6.0 for begin, end in robot["halts_s"])  # and it went on
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

@@ -41,6 +41,7 @@ def missing(name, *robots, **changes):
         ("pose to command, MAVLink", {}, {"pose_to_command_age_ms": None}),
         ("20 % packet loss", {}, {"fleet_message_age_ms": OLD}),
         ("20 % packet loss", {}, {"collisions": 2}),
+        ("20 % packet loss, Zenoh", {}, {"fleet_message_age_ms": None}),
         ("3 s blackout", {"halts_s": HALT}, {"halts_s": ((1.95, 20.0),)}),
         ("3 s blackout", {"halts_s": HALT}, {"halts_s": HALT, "fleet_used_age_ms": OLD}),
         ("neighbour killed", {}, {"goals_reached": 0}),

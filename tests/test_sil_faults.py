@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
+from firmware_bridge.sil.disturbance import Disturbance
 from firmware_bridge.sil.faults import (
     Blackout,
     CorruptPackets,
@@ -19,7 +20,6 @@ from firmware_bridge.sil.faults import (
     load_faults,
 )
 from firmware_bridge.sil.hostile import bursts
-from firmware_bridge.sil.relay import Disturbance
 
 PACKET = bytes(range(64))
 

@@ -25,6 +25,8 @@ class Case(NamedTuple):
     faults: str = ""
     """A timeline; {half}, {whole}, {duration} and {frames} are put in."""
     realtime: bool = True
+    fleet: str = ""
+    """Of those in `edge_runtime/fleets`; empty: a team that edge-sil makes."""
     own_clock: bool = False
     """Its processes have a wall clock of their own; see `benchmarks.sil.clock`."""
 
@@ -60,6 +62,14 @@ def cases() -> tuple[Case, ...]:
             _loss,
             _show_loss,
             faults='kind = "loss"\nat_s = 0.0\nfor_s = {duration}\nshare = 0.2',
+        ),
+        Case(
+            "20 % packet loss, Zenoh",
+            "message age p99 within 2 periods, no collision",
+            _loss,
+            _show_loss,
+            faults='kind = "loss"\nat_s = 0.0\nfor_s = {duration}\nshare = 0.2',
+            fleet="zenoh.toml",
         ),
         Case(
             "3 s blackout",

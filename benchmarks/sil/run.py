@@ -8,11 +8,14 @@ from pathlib import Path
 
 import msgspec
 
+import edge_runtime
 from benchmarks.sil.cases import Case
 from benchmarks.sil.clock import own_clock
 from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.report import SilReport
+from firmware_bridge.sil.team_file import write_key
 
+FLEETS = Path(edge_runtime.__file__).parent / "fleets"
 SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.15\n'
 HOSTILE_FRAMES, HOSTILE_FRAMES_SHORT = 100_000, 5_000
 
@@ -26,7 +29,8 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         duration_s = case.short_s if short else case.long_s
-        flags = ["--robots", case.robots, "--bridge", case.bridge, "--rate", case.rate_hz]
+        flags = ["--fleet", _fleet(case.fleet, folder)] if case.fleet else ["--robots", case.robots]
+        flags += ["--bridge", case.bridge, "--rate", case.rate_hz]
         flags += ["--duration", duration_s, "--json", folder / "report.json"]
         if case.realtime and realtime:
             flags.append("--realtime")
@@ -44,6 +48,12 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
         if not report:
             raise BridgeError(done.stderr.strip().splitlines()[-1])
         return msgspec.json.decode(report, type=SilReport)
+
+
+def _fleet(name: str, folder: Path) -> Path:
+    write_key(folder / "team.key")
+    (folder / name).write_bytes((FLEETS / name).read_bytes())
+    return folder / name
 
 
 def _timeline(case: Case, folder: Path, duration_s: float, *, short: bool) -> Path:

@@ -105,10 +105,11 @@ class Harness:
         realtime = ["realtime"] if scenario.request.realtime else []
         duration = str(scenario.request.duration_s)
         helpers = [self._start("probe", "probe", str(self._probe_file), duration, *realtime)]
-        if scenario.relays:
+        if scenario.relays or scenario.tunnels:
             ports = {station.robot_id: station.port for station in scenario.stations}
             lines = tuple(Line(robot_id, port, ports[robot_id]) for robot_id, port in scenario.relays)
-            spec = RelaySpec(lines, scenario.faults, seed=0, realtime=scenario.request.realtime)
+            in_realtime = scenario.request.realtime
+            spec = RelaySpec(lines, scenario.tunnels, scenario.faults, seed=0, realtime=in_realtime)
             helpers.append(self._start("relay", "relay", self._write("relay", spec)))
         for index, fault in enumerate(scenario.faults):
             match fault:

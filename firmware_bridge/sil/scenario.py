@@ -1,5 +1,6 @@
 """One run of ``edge-sil``, put together from its flags and files, and checked before anything starts."""
 
+import importlib.util
 import math
 import os
 import time
@@ -22,12 +23,15 @@ from firmware_bridge.sil.can_node import PROFILE
 from firmware_bridge.sil.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, load_limits
 from firmware_bridge.sil.team_file import (
-    free_ports,
+    Network,
+    free_network,
     generated_team,
+    on_zenoh,
     resolved,
     write_fleets,
     write_key,
 )
+from firmware_bridge.sil.tunnel import Tunnel
 
 BridgeKind = Literal["can", "mavlink"]
 ROBOTS = 4
@@ -76,7 +80,9 @@ class Scenario:
     bundle: Bundle
     stations: tuple[Station, ...]
     relays: tuple[tuple[int, int], ...]
-    """(robot id, port) of each robot's relay; none where the network has no faults."""
+    """(robot id, port) of each robot's relay; none where the network has no faults, and none on Zenoh."""
+    tunnels: tuple[Tunnel, ...]
+    """On Zenoh, those between all pairs of robots where the network has faults."""
     faults: tuple[AnyFault, ...]
     limits: Limits
     folder: Path
@@ -106,19 +112,19 @@ def prepare(request: Request, folder: Path) -> Scenario:
     robots = tuple(robot["id"] for robot in table["robots"])
     faults = load_faults(request.faults, robots, request.duration_s, request.bridge) if request.faults else ()
     _check_rights(request, faults)
-    ports = free_ports(3 * len(robots))
-    own = dict(zip(robots, ports, strict=False))
-    wires = dict(zip(robots, ports[len(robots) :], strict=False))
-    network = any(isinstance(fault, NetworkFault) for fault in faults)
-    relays = dict(zip(robots, ports[2 * len(robots) :], strict=False)) if network else {}
-    files = write_fleets(table, robots, own, relays, folder)
+    relayed = any(isinstance(fault, NetworkFault) for fault in faults)
+    network = free_network(table, robots, relayed=relayed)
+    files = write_fleets(table, robots, network, folder)
     fleet = load_fleet(files[robots[0]])
     bundle = robot_bundle(fleet, fleet.robots[0], str(request.policy or ""))
     stations = tuple(
-        _station(fleet, robot_id, files[robot_id], _wire(request.bridge, wires[robot_id]), own[robot_id])
-        for robot_id in robots
+        _station(fleet, robot_id, files[robot_id], request.bridge, network) for robot_id in robots
     )
-    return Scenario(request, fleet, bundle, stations, tuple(relays.items()), faults, limits, folder)
+    relays = tuple(network.relays.items())
+    tunnels = tuple(
+        Tunnel(one, other, port, network.zenoh[other]) for (one, other), port in network.tunnels.items()
+    )
+    return Scenario(request, fleet, bundle, stations, relays, tunnels, faults, limits, folder)
 
 
 def _team_table(request: Request, folder: Path) -> Table:
@@ -130,6 +136,8 @@ def _team_table(request: Request, folder: Path) -> Table:
     table = read_toml(path)
     if "carrier" not in table:
         refuse(path, "carrier", 'missing: processes need a network; add [carrier] key = "team.key"')
+    if on_zenoh(table) and importlib.util.find_spec("zenoh") is None:
+        refuse(path, "carrier.type", "\"zenoh\" needs an extra; run: pip install 'cfpg-edge[zenoh]'")
     robots = [robot["id"] for robot in table["robots"]]
     if request.robots not in (None, len(robots)):
         refuse(path, "robots", f"{len(robots)}, but --robots asks for {request.robots}")
@@ -168,10 +176,11 @@ def _wire(bridge: BridgeKind, port: int) -> str:
     return f"udp_multicast:239.75.{port >> 8}.{max(port & 0xFF, 1)}?port={port}"
 
 
-def _station(fleet: Fleet, robot_id: int, file: Path, wire: str, port: int) -> Station:
+def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, network: Network) -> Station:
     robot = fleet.robot(robot_id)
     to_goal = (robot.goal_m[0] - robot.start_m[0], robot.goal_m[1] - robot.start_m[1])
     heading = math.atan2(to_goal[1], to_goal[0])
+    wire, port = _wire(bridge, network.wires[robot_id]), network.ports[robot_id]
     return Station(robot_id, str(file), wire, port, robot.start_m, robot.goal_m, heading)
 
 

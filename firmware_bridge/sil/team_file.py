@@ -1,9 +1,11 @@
 """Fleet files for one machine: generated, or the user's with every robot's address moved to a free port."""
 
+import contextlib
 import secrets
 import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from edge_runtime.toml_file import Table
 from firmware_bridge.sil.layout import places
@@ -36,22 +38,64 @@ def write_key(path: Path) -> None:
     path.write_text(secrets.token_hex(32))
 
 
+class Network(NamedTuple):
+    """Where the robots' sockets are on this machine."""
+
+    ports: Mapping[int, int]
+    """Each robot's for UDP."""
+    wires: Mapping[int, int]
+    """Each firmware's."""
+    relays: Mapping[int, int]
+    """Where the others' datagrams to it go instead; empty without a relay."""
+    zenoh: Mapping[int, int]
+    """Each robot's for its links on Zenoh; empty on UDP."""
+    tunnels: Mapping[tuple[int, int], int]
+    """Where a robot finds another one, (connecting, listening), instead; empty without a relay."""
+
+
 def free_ports(count: int) -> tuple[int, ...]:
-    """Return UDP ports of this machine that nobody holds now; all differ."""
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    try:
-        for one in sockets:
+    """Return ports of this machine that nobody holds now, neither for UDP nor for TCP; all differ."""
+    found: dict[int, None] = {}
+    while len(found) < count:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket() as other:
             one.bind((HOST, 0))
-        return tuple(one.getsockname()[1] for one in sockets)
-    finally:
-        for one in sockets:
-            one.close()
+            port = one.getsockname()[1]
+            with contextlib.suppress(OSError):  # somebody's TCP port
+                other.bind((HOST, port))
+                found[port] = None
+    return tuple(found)
 
 
-def with_ports(table: Table, ports: Mapping[int, int]) -> Table:
-    """Return the fleet in which each robot listens on its port of this machine."""
-    robots = [{**robot, "address": f"{HOST}:{ports[robot['id']]}"} for robot in table["robots"]]
-    return {**table, "robots": robots}
+def on_zenoh(table: Table) -> bool:
+    """Whether a fleet's frames travel over Zenoh."""
+    return bool(table["carrier"].get("type") == "zenoh")
+
+
+def free_network(table: Table, robots: Sequence[int], *, relayed: bool) -> Network:
+    """Find ports for a fleet; ``relayed``: with a relay between the robots."""
+    zenoh = on_zenoh(table)
+    pairs = [(one, other) for one in robots for other in robots if other < one]
+    relays = robots if relayed and not zenoh else ()
+    places = robots if zenoh else ()
+    tunnels = pairs if relayed and zenoh else []
+    ports = iter(free_ports(2 * len(robots) + len(relays) + len(places) + len(tunnels)))
+    groups = (robots, robots, relays, places)
+    own, wires, to_relays, on_places = (dict(zip(group, ports, strict=False)) for group in groups)
+    return Network(own, wires, to_relays, on_places, dict(zip(tunnels, ports, strict=True)))
+
+
+def on_network(table: Table, robot_id: int, network: Network) -> Table:
+    """Return the fleet as one robot is to see it: itself at its ports, the others there or at their relays'.
+
+    A router is left out: robots on one machine reach each other.
+    """
+    addresses = {**network.ports, **network.relays, robot_id: network.ports[robot_id]}
+    moved = {other: {"address": f"{HOST}:{port}"} for other, port in addresses.items()}
+    for other, port in network.zenoh.items():
+        moved[other]["zenoh"] = f"{HOST}:{network.tunnels.get((robot_id, other), port)}"
+    carrier = {key: value for key, value in table["carrier"].items() if key != "router"}
+    robots = [{**robot, **moved[robot["id"]]} for robot in table["robots"]]
+    return {**table, "carrier": carrier, "robots": robots}
 
 
 def resolved(table: Table, folder: Path) -> Table:
@@ -62,6 +106,9 @@ def resolved(table: Table, folder: Path) -> Table:
         for name in ("key", "operator_key"):
             if name in carrier:
                 carrier[name] = str(folder / Path(carrier[name]).expanduser())
+        if "tls" in carrier:
+            files = carrier["tls"].items()
+            carrier["tls"] = {name: str(folder / Path(file).expanduser()) for name, file in files}
         moved["carrier"] = carrier
     if "team" in table:
         moved["team"] = _with_policy(table["team"], folder)
@@ -74,15 +121,12 @@ def _with_policy(table: Table, folder: Path) -> Table:
     return {**table, "policy": str(folder / policy)} if "/" in policy else table
 
 
-def write_fleets(
-    table: Table, robots: Sequence[int], ports: Mapping[int, int], relays: Mapping[int, int], folder: Path
-) -> dict[int, Path]:
-    """Write each robot's fleet file: itself at its port, the others at theirs or at their relay's."""
+def write_fleets(table: Table, robots: Sequence[int], network: Network, folder: Path) -> dict[int, Path]:
+    """Write each robot's fleet file."""
     import tomli_w  # noqa: PLC0415 - of the extra `sil`; the command says so where it is missing
 
     files = {}
     for robot_id in robots:
-        seen = {other: relays.get(other, port) for other, port in ports.items()} | {robot_id: ports[robot_id]}
         files[robot_id] = folder / f"fleet_{robot_id}.toml"
-        files[robot_id].write_text(tomli_w.dumps(with_ports(table, seen)))
+        files[robot_id].write_text(tomli_w.dumps(on_network(table, robot_id, network)))
     return files
