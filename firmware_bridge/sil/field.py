@@ -82,7 +82,7 @@ class Field:
         self._pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
         pace = Pace(spec.rate_hz, 1.0 / (self._pose_steps * STEP_S), spec.duration_s)
         self._nodes = [make_node(spec.bridge, station, pace) for station in spec.stations]
-        self._spec = spec
+        self._spec, self._poll = spec, select.poll()
         self._late_s = Samples(1.0 / STEP_S, spec.duration_s)
         self.t0_s = float("inf")
 
@@ -90,7 +90,6 @@ class Field:
         """Serve until a signal."""
         by_descriptor = {node.fileno(): node.receive for node in self._nodes}
         by_descriptor[sys.stdin.fileno()] = self._release
-        self._poll = select.poll()
         for descriptor in by_descriptor:
             self._poll.register(descriptor, select.POLLIN)
         origin_s, step = time.monotonic(), 0
