@@ -84,7 +84,7 @@ def test_where_the_log_is_silent_nothing_is_compared():
     assert miss_counts(arrival, LoggedTicks(*(np.empty(0),) * 3), *window) is None
     assert miss_counts(np.empty(0), logged, *window) is None
     # Its logger died half-way: what came later is not held against the loop.
-    assert miss_counts(arrival[:80], LoggedTicks(*(column[:40] for column in logged)), *window) == (0, 0)
+    assert miss_counts(arrival[:80], LoggedTicks(*(column[:40] for column in logged)), *window)[:2] == (0, 0)
 
 
 def test_the_age_of_a_pose_is_counted_from_its_measurement():
@@ -118,3 +118,13 @@ def test_halts_are_times_without_a_command_to_move():
 def test_percentiles_are_scaled():
     numbers = percentiles([0.001 * n for n in range(1001)], 1e3)
     assert (numbers.p50, numbers.p99, numbers.max) == pytest.approx((500.0, 990.0, 1000.0))
+
+
+def test_a_late_command_is_not_lacking():
+    """It came 0.9 periods late: missed in its own period, and no deadline of the loop's."""
+    due = PERIOD * np.arange(100) + 1.0
+    arrival = due + 0.1 * PERIOD
+    arrival[[20, 50]] += 0.9 * PERIOD
+    logged = LoggedTicks(due, arrival - 1e-4, np.zeros(100))
+    assert miss_counts(arrival, logged, PERIOD, 0.0, 10.0) == (0, 0, 2)
+    assert missed_bursts(arrival, PERIOD, 1.0, 3.0).sum() == 2

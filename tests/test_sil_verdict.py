@@ -178,12 +178,12 @@ def test_the_packaged_limits_ask_for_what_the_table_promises():
 
 def test_the_table_says_whether_both_ends_count_the_same_misses():
     fine, lost = (
-        robot(0, lacking_commands=2, counted_misses=2),
+        robot(0, lacking_commands=2, counted_misses=2, late_commands=5),
         robot(1, lacking_commands=1, counted_misses=0),
     )
     silent = robot(2, exempt=True, lacking_commands=9, counted_misses=0)
     shown = table(report(fine, robot(1), silent), colour=False)
-    assert "misses: the firmware lacked 2 commands, the loops counted 2: both counts agree" in shown
+    assert "misses: the firmware lacked 2 commands, the loops counted 2: both counts agree; 5 more" in shown
     shown = table(report(fine, lost), colour=False)
     assert "misses: the firmware lacked 3 commands, the loops counted 2: the counts differ" in shown
 

@@ -33,6 +33,8 @@ class MissCounts(NamedTuple):
     """Ticks that brought the firmware no command, neither in time nor late."""
     counted: int
     """Deadlines that the runtime's loop counted as missed meanwhile."""
+    late: int
+    """Commands that came, but so late that their own ticks brought none."""
 
 
 def percentiles(values: npt.ArrayLike, scale: float = 1.0) -> Percentiles | None:
@@ -99,7 +101,9 @@ def miss_counts(
     first, last = punctual[0], punctual[-1]
     due = round(float((inside[last] - inside[first]) / period_s))
     counted = ticks.misses[decision[last]] - ticks.misses[decision[first]]
-    return MissCounts(due - int(last - first), int(counted))
+    lacking = due - int(last - first)
+    brought = np.unique(ticks_of(inside[first : last + 1], period_s)).size
+    return MissCounts(lacking, int(counted), due + 1 - int(brought) - lacking)
 
 
 def pose_ages(

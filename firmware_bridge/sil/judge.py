@@ -87,6 +87,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         runtime_misses=runtime.deadline_misses if runtime else None,
         lacking_commands=counts.lacking if counts else None,
         counted_misses=counts.counted if counts else None,
+        late_commands=counts.late if counts else None,
         stopped_ticks=runtime.faults if runtime else {},
         refused_messages=fleet.refused if fleet else {},
         accepted_messages=fleet.accepted if fleet else 0,

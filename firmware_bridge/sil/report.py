@@ -58,6 +58,8 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     None where its log does not tell enough to compare."""
     counted_misses: int | None = None
     """Deadlines that the loop counted as missed between the decisions behind these two commands."""
+    late_commands: int | None = None
+    """Commands between these two that came, but so late that their own ticks brought none."""
     stopped_ticks: dict[str, int]
     """Ticks in which the runtime commanded rest, by reason, from its start to its end."""
     refused_messages: dict[str, int]

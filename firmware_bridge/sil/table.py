@@ -82,7 +82,10 @@ def _misses(robots: Sequence[RobotQuality]) -> str:
     agree = all(lacking == counted for lacking, counted in known)
     said = "both counts agree" if agree else "the counts differ"
     lacking, counted = (sum(column) for column in zip((0, 0), *known, strict=True))
-    return f"the firmware lacked {lacking} commands, the loops counted {counted}: {said}"
+    late = sum(robot.late_commands or 0 for robot in robots if not robot.exempt)
+    return (
+        f"the firmware lacked {lacking} commands, the loops counted {counted}: {said}; {late} more came late"
+    )
 
 
 def _verdict(report: SilReport, colour: bool) -> str:
