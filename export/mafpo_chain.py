@@ -37,8 +37,10 @@ class ChainSettings:
 class NoisyFlow(Actor):
     """A flow, and the deviation of the noise that its chain explores with."""
 
-    def __init__(self, observation_dim: int, action_dim: int, step_noise: float) -> None:
-        flow = FlowNetwork(observation_dim, action_dim)
+    def __init__(
+        self, observation_dim: int, action_dim: int, step_noise: float, prior_std: float = 0.5
+    ) -> None:
+        flow = FlowNetwork(observation_dim, action_dim, prior_std=prior_std)
         super().__init__(observation_dim, action_dim, flow.hidden, flow.activation)
         self.flow, self.moments = flow, flow.moments
         self.log_step_noise = nn.Parameter(torch.full((action_dim,), math.log(step_noise)))

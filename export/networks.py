@@ -78,7 +78,7 @@ class FlowNetwork(Actor):
         x = self._activate(context + self.from_action(action) + self.from_time(time))
         for layer in self.layers[:-1]:
             x = self._activate(layer(x))
-        return self.layers[-1](x) + self._prior_gain(tau) * action
+        return self.layers[-1](x) + self.prior_gain(tau) * action
 
     def forward(self, action: Tensor, tau: Tensor, observation: Tensor) -> Tensor:
         """v of actions (.., d) at flow times (.., 1), given observations (.., O)."""
@@ -112,7 +112,7 @@ class FlowNetwork(Actor):
             prior_std=self.prior_std,
         )
 
-    def _prior_gain(self, tau: Tensor) -> Tensor | float:
+    def prior_gain(self, tau: Tensor) -> Tensor | float:
         """k(tau) of the prior field."""
         if self.prior_std is None:
             return 0.0

@@ -9,11 +9,12 @@ from export.algorithm import Algorithm, TrainingSettings
 from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
 from export.mafpo import Mafpo
 from export.mafpo_chain import MafpoChain
+from export.mafpo_warm import MafpoWarm
 from export.mappo import Mappo
 from export.pc_mappo import PcMappo
 from export.scenarios import scenario_facts
 
-ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, PcMappo)}
+ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, MafpoWarm, PcMappo)}
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class Request:
     frames: int | None = None
     """None for the algorithm's default, or for what a resumed run was started with."""
     resume: bool = False
+    warm_start: Path | None = None
+    """Run of a Gaussian policy that a new `mafpo-warm` begins with."""
 
     @property
     def preferred(self) -> bool:
@@ -49,9 +52,10 @@ def make_plan(request: Request, workers: int, settings: TrainingSettings | None 
 
     Raises:
         ConfigError: if the directory is taken or holds nothing to resume, if its checkpoint is damaged or
-            another run's, or if the work cannot be shared equally.
+            another run's, if a warm start is missing or not wanted, or if the work cannot be shared equally.
     """
     _check_directory(request)
+    _check_warm_start(request)
     saved = load(request.out / CHECKPOINT) if request.resume else None
     settings = settings or ALGORITHMS[request.algorithm].settings
     frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
@@ -77,6 +81,16 @@ def _check_directory(request: Request) -> None:
         )
     if request.resume and not started:
         raise ConfigError(f"{request.out} holds no {CHECKPOINT} to resume: start it without --resume")
+
+
+def _check_warm_start(request: Request) -> None:
+    warm = request.algorithm == MafpoWarm.name
+    if warm and not request.resume and request.warm_start is None:
+        raise ConfigError(
+            f"--algorithm {request.algorithm} needs --warm-start RUN, a run of --algorithm mappo"
+        )
+    if request.warm_start is not None and (request.resume or not warm):
+        raise ConfigError(f"--warm-start is for new runs of --algorithm {MafpoWarm.name}: leave it out")
 
 
 def _check_shares(settings: TrainingSettings, workers: int) -> None:

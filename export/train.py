@@ -28,6 +28,7 @@ examples:
   edge-train navigation --out runs/nav --resume              after an interruption, however abrupt
   edge-train navigation --algorithm mafpo --seed 1 --out runs/mafpo-1     the ratio of eq. 8
   edge-train navigation --algorithm mappo --out runs/mappo                the paper's Gaussian baseline
+  edge-train balance --algorithm mafpo-warm --warm-start runs/mappo --out runs/warm   a flow that begins as it
   edge-train navigation --algorithm pc-mappo --out runs/pc-mappo          the same, told its objectives
   edge-train navigation --out runs/nav --workers 2           two processes, one policy
 
@@ -52,6 +53,9 @@ def make_parser() -> CommandParser:
     parser.add_argument("--frames", type=int, metavar="N", help="control steps of the team to train for")
     parser.add_argument(
         "--resume", action="store_true", help="continue the run in DIR from its last checkpoint"
+    )
+    parser.add_argument(
+        "--warm-start", type=Path, metavar="RUN", help="mappo's run that a new mafpo-warm begins with"
     )
     parser.add_argument(
         "--workers", type=int, default=1, metavar="N", help="processes that share the work (1)"

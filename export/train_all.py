@@ -17,6 +17,8 @@ from pathlib import Path
 from edge_runtime.bundle import MANIFEST_FILE
 from edge_runtime.errors import ConfigError, EdgeError
 from export.checkpoint import CHECKPOINT
+from export.mafpo_warm import MafpoWarm
+from export.mappo import Mappo
 from export.plan import ALGORITHMS
 
 FRAMES = {"navigation": 700_000, "balance": 2_000_000, "sampling": 900_000}
@@ -48,7 +50,16 @@ class Job:
         directory = str(self.directory)
         train = ["export.train", self.scenario, "--algorithm", self.algorithm, "--seed", str(self.seed)]
         resume = ["--resume"] if (self.directory / CHECKPOINT).exists() else []
-        yield [*train, "--frames", str(FRAMES[self.scenario]), "--out", directory, *resume]
+        if self.algorithm == MafpoWarm.name:
+            frames = MafpoWarm.settings.frames
+            start = (
+                []
+                if resume
+                else ["--warm-start", str(self.directory.parents[1] / Mappo.name / self.directory.name)]
+            )
+        else:
+            frames, start = FRAMES[self.scenario], []
+        yield [*train, "--frames", str(frames), "--out", directory, *resume, *start]
         yield ["export.export_policy", directory, "--out", str(self.bundle)]
 
 
@@ -83,10 +94,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_jobs = [job for job in wanted if not job.finished]
     print(f"{len(wanted) - len(open_jobs)} of {len(wanted)} policies are finished", flush=True)
     failures = 0
+    # What begins with another's policy waits until all those are there.
+    waves = [
+        [job for job in open_jobs if (job.algorithm == MafpoWarm.name) == warm] for warm in (False, True)
+    ]
     with ThreadPoolExecutor(options.jobs) as pool:
-        for job, failure in zip(open_jobs, pool.map(_attempt, open_jobs), strict=True):
-            failures += bool(failure)
-            print(failure or f"finished {job.bundle}", flush=True)
+        for wave in waves:
+            for job, failure in zip(wave, pool.map(_attempt, wave), strict=True):
+                failures += bool(failure)
+                print(failure or f"finished {job.bundle}", flush=True)
     return 1 if failures else 0
 
 

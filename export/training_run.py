@@ -19,6 +19,7 @@ from export.plan import Request, make_algorithm, make_plan
 from export.scenarios import make_scenario
 from export.trainer import Trainer
 from export.validation import Validation
+from export.warm_start import warm_start
 
 
 class TrainingRun:
@@ -42,6 +43,8 @@ class TrainingRun:
         with torch.random.fork_rng():
             torch.manual_seed(request.seed)  # initial weights are equal in all workers
             algorithm = make_algorithm(request)
+            if request.warm_start:
+                warm_start(algorithm.actor.as_flow(), request.scenario, request.warm_start, request.seed)
             self.trainer = Trainer(scenario, algorithm, plan.settings, generator, workers)
         self._validation = Validation(
             request.scenario, plan.settings.validation_episodes, workers, preferred=request.preferred

@@ -13,7 +13,14 @@ from torch import Tensor
 
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.manifest import ActionField, Body, ObservationField
-from export.scenarios.balance_starts import PACKAGE_RADIUS_M, RADIUS_M, ROBOTS, State, draw_starts
+from export.scenarios.balance_starts import (
+    LINE_LENGTH_M,
+    PACKAGE_RADIUS_M,
+    RADIUS_M,
+    ROBOTS,
+    State,
+    draw_starts,
+)
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
 
 with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement for its successor
@@ -33,6 +40,14 @@ START_DISTANCE_M = 1.55
 FLYING_SHARE = 0.5
 """Share of the training episodes that start in flight, robots anywhere under the line and in motion:
 states which guidance leads to and which the policy would not enter by itself."""
+
+HELD_SHARE = 0.5
+"""Share of the training episodes in which something holds the robots in a formation: whatever guides them
+later pulls all the time, and the policy is to carry on meanwhile. It knows neither formation nor pull."""
+HELD_SPACING_M = (0.06, 0.19)
+STRONGEST_HOLD = 0.5
+"""Of the pull along x, in units of the action."""
+HOLD_STIFFNESS_PER_M = 10.0
 
 FACTS = ScenarioFacts(
     name="balance",
@@ -79,6 +94,9 @@ class Balance:
         self.environments = environments
         self.device = device
         self._flying_share = FLYING_SHARE if training else 0.0
+        self._held_share = HELD_SHARE if training else 0.0
+        self._slot = torch.zeros(environments, ROBOTS, device=device)
+        self._hold = torch.zeros(environments, 1, device=device)
         self._generator = torch.Generator(device).manual_seed(seed)
         self._vmas = vmas.make_env(
             _SilentBalance(),
@@ -123,8 +141,8 @@ class Balance:
         return (state["package"] - state["goal"]).norm(dim=-1)
 
     def step(self, action: Tensor) -> Transition:
-        """Apply actions (B, N, 2), clamped to [-1, 1], for 0.1 s."""
-        _, reward, _, _ = self._vmas.step(list(action.unbind(1)))
+        """Apply actions (B, N, 2), the sum with what holds the robots clamped to [-1, 1], for 0.1 s."""
+        _, reward, _, _ = self._vmas.step(list((action + self._holding()).unbind(1)))
         fallen = self._vmas.scenario.on_the_ground
         return Transition(
             reward=torch.stack(reward, 1),
@@ -142,6 +160,7 @@ class Balance:
         for name, start in draw_starts(len(rows), self._flying_share, self._generator).items():
             state[name][rows] = start
         self._set_physical_state(state)
+        self._slot[rows], self._hold[rows] = self._draw_formations(len(rows))
 
     def score(self, metrics: EpisodeMetrics) -> float:
         """Return nine tenths of the success rate, plus up to one for the way made towards the goal."""
@@ -151,12 +170,39 @@ class Balance:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the motion of robots, package and line, the goals and the generator."""
-        return {**self._physical_state(), "generator": self._generator.get_state()}
+        return {
+            **self._physical_state(),
+            "slot": self._slot.clone(),
+            "hold": self._hold.clone(),
+            "generator": self._generator.get_state(),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from what ``state_dict`` returned."""
         self._set_physical_state({name: state[name].to(self.device) for name in self._physical_state()})
+        self._slot.copy_(state["slot"])
+        self._hold.copy_(state["hold"])
         self._generator.set_state(state["generator"])
+
+    def _draw_formations(self, count: int) -> tuple[Tensor, Tensor]:
+        """Draw places along x relative to the line's centre (count, N), and the strongest pull (count, 1)."""
+        low, high = HELD_SPACING_M
+        middle, spacing, pull, held = (2 * self._uniform(count, 4) - 1).split(1, 1)
+        spacing = low + (high - low) * (0.5 + 0.5 * spacing)
+        places = torch.arange(ROBOTS, device=self.device) - (ROBOTS - 1) / 2
+        room = LINE_LENGTH_M / 2 - RADIUS_M - spacing * places[-1]
+        slot = middle * room.clamp(min=0.0) + spacing * places
+        return slot, STRONGEST_HOLD * pull.abs() * (held < 2 * self._held_share - 1)
+
+    def _holding(self) -> Tensor:
+        """What pulls the robots to their places, (B, N, 2) in units of the action."""
+        state = self._physical_state()
+        missing = self._slot - (state["position"] - state["line"][:, None])[..., 0]
+        pull = torch.minimum((HOLD_STIFFNESS_PER_M * missing).abs(), self._hold) * missing.sign()
+        return torch.stack([pull, torch.zeros_like(pull)], -1)
+
+    def _uniform(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._generator, device=self.device)
 
     def _physical_state(self) -> State:
         """Return new tensors; positions and velocities are (B, .., 2), angles (B, 1)."""
