@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guide import Guide
+from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.policy import VelocityField
 from edge_runtime.projection import cone_batch
 from edge_runtime.scene import Floats, OutlookBatch, TeamBatch, look_ahead_batch
@@ -40,9 +40,23 @@ def guided_actions(
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
             guidance = guide.combine_batch(gradients, factors, velocity)
         action += (velocity + guidance) / total
-    if guide.corrects:
-        descent = -action_slopes(guide, outlooks, action)
+    if guide.preferences:
+        action = _preferred(action, outlooks, guide)
+    if guide.requirements:
+        descent = -action_slopes(guide, outlooks, action)[list(guide.requirements)]
         action += cone_batch(descent, np.ones(len(descent)), np.zeros_like(action))
+    return action
+
+
+def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) -> Floats:
+    """Move finished actions (B, d) as preferences wish, within ``reach``."""
+    members, weights = list(guide.preferences), np.array(guide.preference_weights)
+    action = sampled
+    for _ in range(PREFERENCE_STEPS):
+        slopes = action_slopes(guide, outlooks, action)[members]
+        move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes) - sampled
+        length = np.linalg.norm(move, axis=-1, keepdims=True)
+        action = sampled + move * np.minimum(1.0, guide.reach / np.maximum(length, TINY))
     return action
 
 

@@ -8,12 +8,14 @@ At flow time tau = k / T, with velocity v and its Jacobian V from one pass throu
 
 Taken literally, eq. 15 forbids braking: once guidance has moved the action, the flow pulls it back, so what
 brakes opposes v and is removed. Mode ``terminal`` keeps the paper's projections while the action is still
-being generated and, at tau = 1, where no flow is left to protect, moves the finished action once more,
+being generated and, at tau = 1, where no flow is left to protect, moves the finished action twice more,
 
-    a <- a + cone(1, -grad J(a)),
+    a <- argmin sum_m lambda_m J_m over the ball of radius ``reach`` around a, approximately,   preferences
+    a <- a + cone(1, -grad J(a))                                                                requirements
 
-a full Newton step of every objective for costs in squared action units, whatever eta, the weights (they
-have acted in the flow) and however contracted the flow.
+in Newton steps for costs in squared action units, whatever eta and however contracted the flow.
+Preferences (formations, clusters) are wishes: they move the action by ``reach`` at most, and robots that
+carry or explore can go on. Requirements (speed, distance, fences) have the last word, and no limit.
 
 This is the control loop's form, for one planar robot; `edge_runtime.batch_guidance` serves B robots.
 """
@@ -25,12 +27,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guide import Guide
+from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.kernel import CompiledPolicy, encode
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
-from edge_runtime.projection import cone, harmonize, project_onto_nominal
+from edge_runtime.projection import cone, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.scene import Motion, Outlook, look_ahead
 
 __all__ = ["GuidedAction", "guided_action"]
@@ -164,30 +166,50 @@ def _flow_compiled(
 
 
 def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
-    """Move a finished action once along the objectives' common descent, at tau = 1."""
-    ax, ay = sampled.action
-    gradients, costs = [], []
-    for objective, outlook in zip(guide.objectives, outlooks, strict=True):
-        cost, gx, gy = _action_slope(objective, outlook, ax, ay)
-        if not math.isfinite(gx + gy):
-            fault = f"the gradient of {objective.name} is not finite"
-            return _refused(sampled.steps, fault, cut=sampled.cut)
-        costs.append(cost)
-        gradients.append((-gx, -gy))
-    x, y = cone(gradients, (1.0,) * len(gradients), (0.0, 0.0))
+    """Move a finished action at tau = 1: as preferences wish, within ``reach``; then as is required."""
+    costs = [0.0] * len(outlooks)
+
+    def slopes(members: Sequence[int], ax: float, ay: float) -> list[Vector2]:
+        gradients = []
+        for m in members:
+            costs[m], gx, gy = _action_slope(guide.objectives[m], outlooks[m], ax, ay)
+            if not math.isfinite(gx + gy):
+                raise _NotFiniteError(guide.objectives[m].name)
+            gradients.append((-gx, -gy))
+        return gradients
+
+    try:
+        ax, ay = sampled.action
+        for _ in range(PREFERENCE_STEPS if guide.preferences else 0):
+            gradients = slopes(guide.preferences, ax, ay)
+            x, y = weighted_sum(gradients, guide.preference_weights, (0.0, 0.0))
+            x = ax + PREFERENCE_RATE * x - sampled.action[0]
+            y = ay + PREFERENCE_RATE * y - sampled.action[1]
+            kept = min(1.0, guide.reach / max(math.hypot(x, y), TINY))
+            ax, ay = sampled.action[0] + kept * x, sampled.action[1] + kept * y
+        if guide.requirements:
+            gradients = slopes(guide.requirements, ax, ay)
+            x, y = cone(gradients, (1.0,) * len(gradients), (0.0, 0.0))
+            ax, ay = ax + x, ay + y
+    except _NotFiniteError as error:
+        return _refused(sampled.steps, f"the gradient of {error} is not finite", cut=sampled.cut)
     return _finished(
         GuidedAction(
-            (ax + x, ay + y),
+            (ax, ay),
             sampled.steps,
             tuple(costs),
             sampled.projections,
             "",
             sampled.conflicts,
             sampled.opposed,
-            (x, y),
+            (ax - sampled.action[0], ay - sampled.action[1]),
             sampled.cut,
         )
     )
+
+
+class _NotFiniteError(Exception):
+    """An objective, by its name, has no usable gradient."""
 
 
 def _action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) -> tuple[float, float, float]:

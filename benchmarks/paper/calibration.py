@@ -1,13 +1,22 @@
 """Choosing what the paper leaves open on the baselines alone, before CFPG is evaluated.
 
-Every candidate definition of a task is played by MAPPO+PGD and MAPPO+SHLD with their default settings; the
-one whose figures come nearest to the paper's own rows of the two, in units of `SCALES`, is the one to
-freeze in ``export/scenarios/definitions.py``:
+Every candidate definition of a task is played by MAPPO+PGD and MAPPO+SHLD; the one whose figures come
+nearest to the paper's own rows of the two, in units of `SCALES`, is frozen in
+``export/scenarios/definitions.py``:
 
     python -m benchmarks.paper.calibration navigation --policies runs
+
+The paper does not say how far its projected gradient descent may move an action, so each definition is
+weighed with the radius that suits it best. Only definitions are weighed that leave room to satisfy them,
+whoever drives, which geometry and dynamics decide beforehand:
+
+- Navigation: the longest straight way, across the arena, takes at most two thirds of the time limit at the
+  speed limit; a margin that starts may already break is allowed for a tenth of the time at least.
+- Balance: full thrust lifts the payload to the highest goal within the time limit.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -28,9 +37,14 @@ from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import Task, balance, navigation, sampling
 from edge_runtime.bundle import Bundle
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
+from export.scenarios.navigation import ARENA_HALF_WIDTH_M, SPAWN_DISTANCE_M
 from export.scenarios.scenario import Scenario, Transition
 
 SETTING = Setting(episodes=100, seed=800)
+RADII = (0.25, 0.5, 1.0, 2.0)
+"""How far projected gradient descent may move an action."""
+LONGEST_WAY_M = 2 * math.sqrt(2) * ARENA_HALF_WIDTH_M
+DT_S = 0.1
 RESULTS = Path(__file__).parents[1] / "results"
 PAPER = {
     "navigation": ((89.70, 0.03, 33.54, 59.64), (47.90, 0.00, 1.30, 47.32)),
@@ -47,7 +61,7 @@ SCALES = {
 
 
 class Candidate(msgspec.Struct, frozen=True):
-    """A definition's figures beside the paper's."""
+    """A definition's figures, to be held against the paper's."""
 
     label: str
     descent: tuple[float, ...]
@@ -86,8 +100,9 @@ Group = list[tuple[str, Task]]
 
 
 def navigation_groups() -> Iterator[Group]:
-    """Speed limits, margins and time limits, each with several tolerances."""
-    for limit, margin, steps in product((0.2, 0.3), (0.25, 0.3, 0.35, 0.4), (100, 200)):
+    """Speed limits with their time limits, and margins, each with several tolerances."""
+    for limit, margin in product((0.2, 0.3), (0.25, 0.3, 0.35, 0.4)):
+        steps = int(10 * math.ceil(0.15 * LONGEST_WAY_M / (limit * DT_S)))
         asked = replace(
             NAVIGATION,
             speed_limit=structs.replace(NAVIGATION.speed_limit, limit_m_s=limit),
@@ -97,15 +112,21 @@ def navigation_groups() -> Iterator[Group]:
         label = f"limit {limit} m/s, margin {margin} m, {steps} steps"
         yield [
             (f"{label}, tolerance {share:.0%}", navigation(replace(asked, tolerance=share)))
-            for share in (0.01, 0.05, 0.1, 0.25, 0.5)
+            for share in (0.05, 0.1, 0.25, 0.5)
+            if margin <= SPAWN_DISTANCE_M or share >= 0.1
         ]
 
 
 def balance_groups() -> Iterator[Group]:
-    """Spacings and time limits, each with several tolerances."""
-    for spacing, steps in product((0.1, 0.12, 0.15), (200, 300, 400)):
-        asked = replace(BALANCE, spacing=structs.replace(BALANCE.spacing, distance_m=spacing), steps=steps)
-        label = f"spacing {spacing} m, {steps} steps"
+    """Spacings, pulls and time limits, each with several tolerances."""
+    for spacing, pull, steps in product((0.12, 0.15), (0.4, 2.0), (300, 400)):
+        asked = replace(
+            BALANCE,
+            spatial_order=structs.replace(BALANCE.spatial_order, pull=pull),
+            spacing=structs.replace(BALANCE.spacing, distance_m=spacing),
+            steps=steps,
+        )
+        label = f"spacing {spacing} m, pull {pull:g}, {steps} steps"
         yield [
             (f"{label}, tolerance {off} m", balance(replace(asked, spacing_tolerance_m=off)))
             for off in (0.01, 0.02, 0.03, 0.05)
@@ -114,7 +135,7 @@ def balance_groups() -> Iterator[Group]:
 
 def sampling_groups() -> Iterator[Group]:
     """Fences, cluster radii and lengths of episodes, each with several tolerances."""
-    for fence, buffer, radius, steps in product((0.2, 0.3), (0.02, 0.05), (0.2, 0.3), (100, 150, 200)):
+    for fence, buffer, radius, steps in product((0.2, 0.3), (0.02, 0.05), (0.2, 0.3), (100, 150)):
         asked = replace(
             SAMPLING,
             geofence=structs.replace(SAMPLING.geofence, radius_m=fence, buffer_m=buffer),
@@ -137,12 +158,20 @@ GROUPS = {"navigation": navigation_groups, "balance": balance_groups, "sampling"
 def weigh(group: Group, bundle: Bundle) -> list[Candidate]:
     """Play what a group asks by both baselines, once for all its definitions."""
     task = replace(group[0][1], judge=lambda count: Panel([task.judge(count) for _, task in group]))
-    baselines = (descent(task, DescentSettings()), shielded(task, ShieldSettings()))
-    played = [_figures(task, run_episodes(task, who.make(bundle), SETTING)) for who in baselines]
-    return [
-        Candidate(label, *figures, distance(task.name, figures))
-        for (label, _), *figures in zip(group, *played, strict=True)
-    ]
+    descents = [descent(task, DescentSettings(radius=radius)) for radius in RADII]
+    *descended, shielding = (
+        _figures(task, run_episodes(task, who.make(bundle), SETTING))
+        for who in (*descents, shielded(task, ShieldSettings()))
+    )
+    weighed = []
+    for j, (label, _) in enumerate(group):
+        tried = [
+            Candidate(f"{label}, radius {radius:g}", figures[j], shielding[j], off)
+            for radius, figures in zip(RADII, descended, strict=True)
+            for off in [distance(task.name, (figures[j], shielding[j]))]
+        ]
+        weighed.append(min(tried, key=lambda candidate: candidate.distance))
+    return weighed
 
 
 def distance(task: str, figures: Sequence[Sequence[float]]) -> float:

@@ -1,13 +1,22 @@
-"""Every method with the eight settings it may be tuned over: the same number for each."""
+"""Every method with the eight settings it may be tuned over, the same number for each; Fig. 6's scales."""
 
 from itertools import product
 
+import msgspec
+
 from benchmarks.paper.baselines import DescentSettings, ShieldSettings
-from benchmarks.paper.contestants import Contestant, cfpg, descent, preference_conditioned, shielded
+from benchmarks.paper.contestants import (
+    Contestant,
+    cfpg,
+    descent,
+    ours,
+    preference_conditioned,
+    shielded,
+)
 from benchmarks.paper.tasks import Task
 from edge_runtime.guide import GuidanceSettings, Mode
 
-SCALES = (1.0, 3.0, 5.0, 10.0, 20.0, 30.0, 60.0, 100.0)
+SCALES = (0.3, 1.0, 3.0, 10.0, 20.0, 30.0, 60.0, 100.0)
 ROUNDS = (1, 2, 3, 5, 10, 20, 50, 100)
 PREFERENCES = (
     (0.34, 0.33, 0.33),
@@ -19,19 +28,37 @@ PREFERENCES = (
     (0.5, 0.1, 0.4),
     (0.6, 0.3, 0.1),
 )
-MODES: dict[str, Mode] = {"CFPG": "terminal", "CFPG (eqs. 14, 15)": "hierarchical", "CFPG (No HGP)": "none"}
-"""``CFPG`` is the runtime's default mode; the paper's projections taken literally stand beside it."""
-METHODS = (*MODES, "MAPPO+PGD", "MAPPO+SHLD", "PC-MAPPO")
+PROJECTIONS: dict[str, Mode] = {"CFPG (eqs. 14, 15)": "hierarchical", "CFPG (No HGP)": "none"}
+"""The paper's method taken literally, and its ablation."""
+METHODS = ("CFPG", *PROJECTIONS, "MAPPO+PGD", "MAPPO+SHLD", "PC-MAPPO")
+"""``CFPG`` is the runtime's default mode, with objectives that keep robots out of each other's way."""
 
 
 def candidates(task: Task, method: str) -> list[Contestant]:
     """One method on one task with each of its eight settings."""
-    if method in MODES:
-        settings = [GuidanceSettings(mode=MODES[method], scale=scale) for scale in SCALES]
+    if method == "CFPG":
+        grid = product((0.3, 3.0), (0.5, 1.0), (0.5, 1.0))
+        return [ours(task, GuidanceSettings(scale=s, reach=r, start_noise=n)) for s, r, n in grid]
+    if method in PROJECTIONS:
+        settings = [GuidanceSettings(mode=PROJECTIONS[method], scale=scale) for scale in SCALES]
         return [cfpg(task, method, setting) for setting in settings]
     if method == "MAPPO+PGD":
-        grid = product((0.25, 0.5, 1.0, 2.0), (0.1, 0.5))
-        return [descent(task, DescentSettings(radius=radius, rate=rate)) for radius, rate in grid]
+        radii = product((0.25, 0.5, 1.0, 2.0), (0.1, 0.5))
+        return [descent(task, DescentSettings(radius=radius, rate=rate)) for radius, rate in radii]
     if method == "MAPPO+SHLD":
         return [shielded(task, ShieldSettings(rounds=rounds)) for rounds in ROUNDS]
     return [preference_conditioned(preference) for preference in PREFERENCES]
+
+
+def scaled(task: Task, who: Contestant) -> list[Contestant]:
+    """A guided contestant at every scale of Fig. 6.
+
+    Raises:
+        ValueError: if it is no guided flow.
+    """
+    if who.guidance is None:
+        raise ValueError(f"{who.method} has no guidance scale")
+    settings = [msgspec.structs.replace(who.guidance, scale=scale) for scale in SCALES]
+    if who.method in PROJECTIONS:
+        return [cfpg(task, who.method, setting) for setting in settings]
+    return [ours(task, setting) for setting in settings]

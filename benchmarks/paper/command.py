@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from rich.progress import Progress
 
-from benchmarks.paper.candidates import METHODS, candidates
+from benchmarks.paper.candidates import METHODS, PROJECTIONS, candidates, scaled
 from benchmarks.paper.evaluation import Question, answer_all
 from benchmarks.paper.page import write_page
 from benchmarks.paper.policies import POLICIES, SEEDS
@@ -49,18 +49,14 @@ def questions(tasks: Sequence[str], seeds: int, episodes: int, sweep_episodes: i
         ConfigError: if a method was not tuned.
     """
     tuned = read_tuned()
-    modes = {(task, method): chosen(tuned, TASKS[task], method).mode for task in tasks for method in METHODS}
-    asked = [
-        Question(task, method, mode, seed, episodes)
-        for seed in range(seeds)
-        for (task, method), mode in modes.items()
-    ]
+    best = {(task, method): chosen(tuned, TASKS[task], method) for task in tasks for method in METHODS}
+    asked = [Question(task, who, seed, episodes) for seed in range(seeds) for (task, _), who in best.items()]
     for task in tasks:
-        for method in ("CFPG", "CFPG (eqs. 14, 15)", "CFPG (No HGP)"):
-            scales = [candidate.mode for candidate in candidates(TASKS[task], method)]
-            asked += [Question(task, method, mode, 0, sweep_episodes) for mode in scales]
-        mode = modes[task, "CFPG"]
-        asked += [Question(task, "CFPG", mode, 0, sweep_episodes, steps) for steps in SWEEP_STEPS]
+        for method in ("CFPG", *PROJECTIONS):
+            others = scaled(TASKS[task], best[task, method])
+            asked += [Question(task, who, 0, sweep_episodes) for who in others]
+        who = best[task, "CFPG"]
+        asked += [Question(task, who, 0, sweep_episodes, steps) for steps in SWEEP_STEPS]
     return asked
 
 

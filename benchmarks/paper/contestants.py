@@ -8,8 +8,8 @@ from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend,
 from benchmarks.paper.episodes import MakeDecide
 from benchmarks.paper.methods import guided, post_processed, preferring
 from benchmarks.paper.tasks import Task
-from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings
+from edge_runtime.objectives import Objective
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,30 @@ class Contestant:
     mode: str
     algorithm: str
     """What trained its policy."""
-    make: Callable[[Bundle], MakeDecide]
+    make: Callable[..., MakeDecide]
+    """From a bundle; of a guided flow also from a number of Euler steps."""
+    guidance: GuidanceSettings | None = None
+    """Of a guided flow."""
 
 
-def cfpg(task: Task, method: str, settings: GuidanceSettings) -> Contestant:
-    """A flow policy guided by the task's objectives."""
-    mode = f"{settings.mode}, eta {settings.scale:g}"
-    return Contestant(method, mode, "mafpo-chain", partial(guided, settings, task.objectives))
+FLOWS = {"navigation": "mafpo-chain", "balance": "mafpo-warm", "sampling": "mafpo-chain"}
+"""The flow policies that are guided, by task: whichever algorithm validated better there, unguided."""
+
+
+def cfpg(
+    task: Task, method: str, settings: GuidanceSettings, objectives: tuple[Objective, ...] | None = None
+) -> Contestant:
+    """A flow policy guided by the task's objectives, or by others."""
+    words = [settings.mode, f"eta {settings.scale:g}", f"noise {settings.start_noise:g}"]
+    if settings.mode == "terminal":
+        words.append(f"reach {settings.reach:g}")
+    make = partial(guided, settings, task.objectives if objectives is None else objectives)
+    return Contestant(method, ", ".join(words), FLOWS[task.name], make, settings)
+
+
+def ours(task: Task, settings: GuidanceSettings) -> Contestant:
+    """The default mode, with objectives that keep robots out of each other's way."""
+    return cfpg(task, "CFPG", settings, (*task.objectives, *task.deconfliction))
 
 
 def descent(task: Task, settings: DescentSettings) -> Contestant:

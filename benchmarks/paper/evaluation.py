@@ -4,20 +4,17 @@ import hashlib
 import subprocess
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
-from benchmarks.paper.candidates import candidates
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.episodes import Setting, run_episodes
 from benchmarks.paper.frequency import control_frequency
 from benchmarks.paper.policies import digest, load_policy
 from benchmarks.paper.rows import Key, Row, make_row
 from benchmarks.paper.tasks import TASKS
-from edge_runtime.errors import ConfigError
 from export.scenarios import definitions
 
 EVALUATION_SEED = 1
@@ -29,27 +26,16 @@ class Question:
     """What one row is to answer."""
 
     task: str
-    method: str
-    mode: str
+    who: Contestant
     seed: int
     """Of the policy's training."""
     episodes: int
     euler_steps: int | None = None
     """T; None for the policy's own."""
-
-
-def contestant(question: Question) -> Contestant:
-    """Who answers it.
-
-    Raises:
-        ConfigError: if the method has no such mode.
-    """
-    for candidate in candidates(TASKS[question.task], question.method):
-        if candidate.mode == question.mode:
-            if question.euler_steps is None:
-                return candidate
-            return replace(candidate, make=partial(candidate.make, euler_steps=question.euler_steps))
-    raise ConfigError(f"{question.method} has no mode '{question.mode}': tune it with --tune")
+    neighbours: int | None = None
+    """K, the nearest at every step; None for all."""
+    loss: float = 0.0
+    """Share of the messages lost."""
 
 
 def key(question: Question, policies: Path) -> Key:
@@ -58,15 +44,17 @@ def key(question: Question, policies: Path) -> Key:
     Raises:
         ConfigError: if the policy is missing.
     """
-    algorithm = contestant(question).algorithm
-    bundle = load_policy(policies, question.task, algorithm, question.seed)
+    who = question.who
+    bundle = load_policy(policies, question.task, who.algorithm, question.seed)
     return Key(
         question.task,
-        question.method,
-        question.mode,
+        who.method,
+        who.mode,
         question.seed,
         question.episodes,
         question.euler_steps,
+        question.neighbours,
+        question.loss,
         digest(bundle),
         definitions_digest(),
     )
@@ -75,10 +63,12 @@ def key(question: Question, policies: Path) -> Key:
 def answer(question: Question, policies: Path) -> Row:
     """Run its episodes."""
     torch.set_num_threads(1)
-    task, who = TASKS[question.task], contestant(question)
+    task, who, steps = TASKS[question.task], question.who, question.euler_steps
     bundle = load_policy(policies, question.task, who.algorithm, question.seed)
-    outcome = run_episodes(task, who.make(bundle), Setting(question.episodes, EVALUATION_SEED))
-    hz = None if question.euler_steps is None else control_frequency(task, bundle, question.euler_steps)
+    make = who.make(bundle) if steps is None else who.make(bundle, euler_steps=steps)
+    setting = Setting(question.episodes, EVALUATION_SEED, question.neighbours, question.loss)
+    outcome = run_episodes(task, make, setting)
+    hz = None if steps is None else control_frequency(task, bundle, steps)
     return make_row(task, outcome, key(question, policies), commit(), hz)
 
 

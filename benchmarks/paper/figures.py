@@ -61,4 +61,6 @@ def _panels() -> tuple[plt.Figure, Sequence[Axes]]:
 
 
 def _scale(row: Row) -> float:
-    return float(row.mode.rpartition(" ")[2])
+    """The eta that a guided row's mode names."""
+    words = dict(word.split(" ", 1) for word in row.mode.split(", ")[1:])
+    return float(words["eta"])

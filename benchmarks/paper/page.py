@@ -8,6 +8,7 @@ from benchmarks.paper.rows import Row
 from benchmarks.paper.tables import metrics_table, success_table, tests_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.trajectories import draw_trajectories
+from benchmarks.paper.tuning import chosen, read_tuned
 
 
 def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -> str:
@@ -26,7 +27,8 @@ def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -
     ]
     for task in tasks:
         tables += [f"## {task.capitalize()}", metrics_table(tabled, task)]
-        draw_trajectories(TASKS[task], policies, tabled, out / f"trajectories_{task}.png", quick=quick)
+        who = chosen(read_tuned(), TASKS[task], "CFPG")
+        draw_trajectories(TASKS[task], who, policies, out / f"trajectories_{task}.png", quick=quick)
     draw_scales(swept, out / "scale.png")
     draw_steps(swept, out / "steps.png")
     figures = [f"![{path.stem}]({path.name})" for path in sorted(out.glob("*.png"))]

@@ -34,6 +34,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     cluster_rmse: float | None = None
     euler_steps: int | None = None
     """T, where it is not the policy's own."""
+    neighbours: int | None = None
+    """K, where not all teammates were heard."""
+    loss: float = 0.0
+    """Share of the messages lost."""
     control_frequency_hz: float | None = None
     """How often one robot could decide on this machine: one over the median duration of a tick."""
     policy: str
@@ -52,6 +56,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             self.seed,
             self.episodes,
             self.euler_steps,
+            self.neighbours,
+            self.loss,
             self.policy,
             self.definitions,
         )
@@ -66,6 +72,8 @@ class Key(NamedTuple):
     seed: int
     episodes: int
     euler_steps: int | None
+    neighbours: int | None
+    loss: float
     policy: str
     definitions: str
 

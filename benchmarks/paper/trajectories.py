@@ -1,17 +1,15 @@
 """Fig. 3: one episode of a task, left alone and guided."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 
+from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
-from benchmarks.paper.evaluation import Question, contestant
 from benchmarks.paper.judges import motion
 from benchmarks.paper.methods import unguided
 from benchmarks.paper.policies import load_policy
-from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import Task
 from edge_runtime.scene import Floats
 from export.scenarios.definitions import SAMPLING
@@ -25,12 +23,8 @@ SETTING = Setting(episodes=10, seed=3)
 COLOURS = ("#d62728", "#ff7f0e", "#bcbd22", "#2ca02c", "#1f77b4")
 
 
-def draw_trajectories(task: Task, policies: Path, rows: Sequence[Row], path: Path, *, quick: bool) -> None:
+def draw_trajectories(task: Task, who: Contestant, policies: Path, path: Path, *, quick: bool) -> None:
     """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided."""
-    mode = next((row.mode for row in rows if (row.task, row.method) == (task.name, "CFPG")), None)
-    if mode is None:
-        return
-    who = contestant(Question(task.name, "CFPG", mode, 0, SETTING.episodes))
     bundle = load_policy(policies, task.name, who.algorithm, seed=0)
     guided_tracks, satisfied = _follow(task, who.make(bundle), quick=quick)
     free_tracks, _ = _follow(task, unguided(bundle, 1.0), quick=quick)

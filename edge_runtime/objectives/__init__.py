@@ -6,12 +6,13 @@ To add one, subclass `Objective` and write ``evaluate``; ``evaluate_batch`` is o
 from edge_runtime.objectives.clustering import Clustering
 from edge_runtime.objectives.geofence import Geofence
 from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope, SlopeBatch
+from edge_runtime.objectives.passing import Passing
 from edge_runtime.objectives.safety_margin import SafetyMargin
 from edge_runtime.objectives.spacing import Spacing
 from edge_runtime.objectives.spatial_order import SpatialOrder
 from edge_runtime.objectives.speed_limit import SpeedLimit
 
-BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering)
+BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering, Passing)
 """The objectives that configuration files can name by their ``type``."""
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Clustering",
     "Geofence",
     "Objective",
+    "Passing",
     "SafetyMargin",
     "Slope",
     "SlopeBatch",

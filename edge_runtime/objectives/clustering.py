@@ -1,6 +1,7 @@
 """Keep the team's cluster at a radius: the mean distance of its robots to their centroid."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
     nothing to keep.
     """
 
+    preference: ClassVar[bool] = True
     look_ahead: int = 4
     radius_m: float
 

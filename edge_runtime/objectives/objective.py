@@ -7,7 +7,7 @@ the same to all of them.
 """
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
@@ -45,6 +45,9 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             is out of range.
     """
 
+    preference: ClassVar[bool] = False
+    """Whether this is a wish and no requirement: it moves actions by `GuidanceSettings.reach` at most, and
+    yields to what is required."""
     weight: float = 1.0
     """lambda_m, the preference weight (eq. 4)."""
     look_ahead: int = 1

@@ -1,6 +1,7 @@
 """Keep one distance to the closest neighbour."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 class Spacing(Objective, frozen=True, kw_only=True, tag="spacing"):
     """Have the closest neighbour at a distance between centres: J = 1/2 (deviation / position gain)^2."""
 
+    preference: ClassVar[bool] = True
     look_ahead: int = 4
     distance_m: float
 

@@ -1,5 +1,7 @@
 """Stand in a given order along x."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
@@ -18,6 +20,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
     robots never hold each other in a wrong order. Robots that ``order`` does not name are free.
     """
 
+    preference: ClassVar[bool] = True
     look_ahead: int = 4
     order: tuple[int, ...]
     """Robot ids from left to right."""

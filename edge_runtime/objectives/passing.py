@@ -1,0 +1,73 @@
+"""Pass one another on agreed sides."""
+
+import numpy as np
+
+from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
+
+
+class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
+    """Let robots on their way to an ``order`` along x pass: J = sum h(clearance that is missing / gain).
+
+    Two robots that must change places along x push against each other for good if both want nothing but
+    that: `SpatialOrder` has no slope along y. Here the one that stands later in the order, of each pair that
+    is still on the wrong sides and within ``reach_m``, goes below the other (smaller y) by ``clearance_m``;
+    the other need do nothing. Both know the order, so they agree without a word. h is that of `SpatialOrder`.
+
+    Which pairs these are is decided by where everybody drifts under a zero action, so that the cost is
+    smooth in the action.
+    """
+
+    look_ahead: int = 4
+    order: tuple[int, ...]
+    """Robot ids from left to right."""
+    reach_m: float = 0.12
+    """Distance within which two robots are about to pass."""
+    margin_m: float = 0.0
+    """How far beyond each other two robots must be along x to have passed."""
+    clearance_m: float = 0.07
+    pull: float = 2.0
+    """Strongest pull on account of one neighbour, in units of the action."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.order) < 2 or len(set(self.order)) < len(self.order):
+            raise ValueError(f"`order` must name at least two robots, each once, got {list(self.order)}")
+        for field in ("reach_m", "clearance_m", "pull"):
+            if getattr(self, field) <= 0.0:
+                raise ValueError(f"`{field}` must be positive, got {getattr(self, field)}")
+
+    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+        """Cost and slope at one robot's predicted motion."""
+        cost = d_y = 0.0
+        if outlook.robot_id not in self.order:
+            return Slope(cost)
+        gain, drift = outlook.preview.position_gain, outlook.drift
+        own = self.order.index(outlook.robot_id)
+        for mate in outlook.neighbours:
+            dx, dy = drift.x - mate.x, drift.y - mate.y
+            if dx >= self.margin_m or dx * dx + dy * dy >= self.reach_m * self.reach_m:
+                continue
+            if mate.robot_id not in self.order or self.order.index(mate.robot_id) > own:
+                continue
+            cure = (self.clearance_m + motion.y - mate.y) / gain
+            if cure > 0.0:
+                pull = min(cure, self.pull)
+                cost += pull * (cure - 0.5 * pull)
+                d_y += pull / gain
+        return Slope(cost, 0.0, d_y)
+
+    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
+        """Costs and slopes at B predicted motions."""
+        gain, order = outlook.preview.position_gain, np.array(self.order)
+        own, mate = outlook.robot_id[:, None, None] == order, outlook.mate_id[..., None] == order
+        later = own.any(-1) & mate.any(-1) & (own.argmax(-1) > mate.argmax(-1))
+        apart = outlook.drift_position_m[:, None] - outlook.mate_position_m
+        near = np.square(apart).sum(-1) < self.reach_m * self.reach_m
+        passing = later & near & (apart[..., 0] < self.margin_m)
+        missing = self.clearance_m + position_m[:, 1:] - outlook.mate_position_m[..., 1]
+        cure = np.where(passing, np.maximum(missing, 0.0), 0.0) / gain
+        pull = np.minimum(cure, self.pull)
+        slope = np.zeros_like(position_m)
+        slope[:, 1] = pull.sum(-1) / gain
+        return SlopeBatch((pull * (cure - 0.5 * pull)).sum(-1), slope, np.zeros_like(velocity_m_s))
