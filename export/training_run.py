@@ -17,6 +17,7 @@ from export.distributed import Workers
 from export.metrics import MetricsRow, draw_curve, write_table
 from export.plan import Request, make_algorithm, make_plan
 from export.scenarios import make_scenario
+from export.scenarios.scenario import EpisodeMetrics
 from export.trainer import Trainer
 from export.validation import Validation
 from export.warm_start import warm_start
@@ -53,8 +54,10 @@ class TrainingRun:
         self.best_score = float("-inf")
         if plan.saved:
             self._restore(plan.saved)
-        else:
-            self._checkpoint()
+            return
+        if request.warm_start:
+            self._validate()  # learning on may make nothing better
+        self._checkpoint()
 
     @property
     def total_frames(self) -> int:
@@ -95,12 +98,17 @@ class TrainingRun:
             learning_rate=rate,
         )
 
-    def _validated(self, row: MetricsRow) -> MetricsRow:
+    def _validate(self) -> tuple[EpisodeMetrics, float]:
+        """Keep the policy if none before was better."""
         metrics, score = self._validation.run(self.trainer.algorithm)
         if score >= self.best_score:
             self.best_score = score
             actor, facts = self.trainer.algorithm.actor, self._policy_facts()
             self._write(lambda: save_policy(self._request.out, actor, facts))
+        return metrics, score
+
+    def _validated(self, row: MetricsRow) -> MetricsRow:
+        metrics, score = self._validate()
         return replace(
             row,
             validation_return=metrics.mean_return,

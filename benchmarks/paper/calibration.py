@@ -13,6 +13,10 @@ whoever drives, which geometry and dynamics decide beforehand:
 - Navigation: the longest straight way, across the arena, takes at most two thirds of the time limit at the
   speed limit; a margin that starts may already break is allowed for a tenth of the time at least.
 - Balance: full thrust lifts the payload to the highest goal within the time limit.
+- Sampling: MAPPO left alone gathers enough samples in nineteen of twenty episodes (0.4 a step; 0.6 a step
+  it gathers in four of five).
+
+Where tolerances bring a definition equally near, to a twentieth of a unit, the widest is taken.
 """
 
 import argparse
@@ -45,6 +49,7 @@ RADII = (0.25, 0.5, 1.0, 2.0)
 """How far projected gradient descent may move an action."""
 LONGEST_WAY_M = 2 * math.sqrt(2) * ARENA_HALF_WIDTH_M
 DT_S = 0.1
+SAMPLES_PER_STEP = 0.4
 RESULTS = Path(__file__).parents[1] / "results"
 PAPER = {
     "navigation": ((89.70, 0.03, 33.54, 59.64), (47.90, 0.00, 1.30, 47.32)),
@@ -143,12 +148,13 @@ def sampling_groups() -> Iterator[Group]:
             steps=steps,
         )
         label = f"fence {fence} + {buffer} m, cluster {radius} m, {steps} steps"
+        enough = SAMPLES_PER_STEP * steps
         yield [
             (
                 f"{label}, {enough:g} samples, tolerance {share:.0%} and {off} m",
                 sampling(replace(asked, enough_samples=enough, tolerance=share, cluster_tolerance_m=off)),
             )
-            for enough, share, off in product((0.4 * steps, 0.6 * steps), (0.05, 0.25), (0.1, 0.15))
+            for share, off in product((0.05, 0.25), (0.1, 0.15))
         ]
 
 

@@ -4,18 +4,18 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-import msgspec
 from rich.progress import Progress
 
-from benchmarks.paper.candidates import METHODS, PROJECTIONS, candidates, scaled
+from benchmarks.paper.candidates import METHODS, PROJECTIONS, scaled
 from benchmarks.paper.evaluation import Question, answer_all
 from benchmarks.paper.page import write_page
 from benchmarks.paper.policies import POLICIES, SEEDS
 from benchmarks.paper.rows import Row, read_rows, write_rows
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.tuning import TUNED, TUNING, chosen, read_tuned, tune
+from benchmarks.paper.tuning import chosen, read_tuned, tune, write_tuned
 
 RESULTS = Path(__file__).parents[1] / "results" / "paper.json"
 SWEEP_STEPS = (1, 2, 3, 5, 10, 20)
@@ -76,18 +76,19 @@ def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
 
 def _tune(options: argparse.Namespace) -> None:
     tried = read_tuned()
-    total = TUNING.episodes * sum(
-        len(candidates(TASKS[task], method)) for task in options.tasks for method in METHODS
-    )
-    with Progress(disable=not sys.stderr.isatty()) as progress:
-        bar = progress.add_task("tuning episodes", total=total)
-        for task in options.tasks:
-            for method in METHODS:
-                new = tune(TASKS[task], method, options.policies, lambda count: progress.advance(bar, count))
-                tried = [row for row in tried if (row.task, row.method) != (task, method)] + new
-                TUNED.write_bytes(msgspec.json.format(msgspec.json.encode(tried), indent=1) + b"\n")
-                best = next(row for row in new if row.chosen)
-                print(f"{task}: {method}: {best.mode}, {best.multi_objective_success:.1f} %", flush=True)
+    pairs = [(task, method) for task in options.tasks for method in METHODS]
+    with Progress(disable=not sys.stderr.isatty()) as progress, ProcessPoolExecutor(options.jobs) as pool:
+        bar = progress.add_task("methods tuned", total=len(pairs))
+        jobs = [pool.submit(tune, task, method, options.policies) for task, method in pairs]
+        for job in as_completed(jobs):
+            new = job.result()
+            best = next(row for row in new if row.chosen)
+            tried = [row for row in tried if (row.task, row.method) != (best.task, best.method)] + new
+            write_tuned(tried)
+            progress.advance(bar)
+            print(
+                f"{best.task}: {best.method}: {best.mode}, {best.multi_objective_success:.1f} %", flush=True
+            )
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -4,18 +4,20 @@ Each method is tried with its eight settings on the first seed's policy, on epis
 the greatest multi-objective success wins, the better nominal metric decides between equals.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
+import torch
 
 from benchmarks.paper.candidates import candidates
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.episodes import Setting, run_episodes
 from benchmarks.paper.judges import Outcome
 from benchmarks.paper.policies import load_policy
-from benchmarks.paper.tasks import Task
+from benchmarks.paper.tasks import TASKS, Task
 from edge_runtime.errors import ConfigError
+from export.atomic import write_atomic
 
 TUNED = Path(__file__).with_name("tuned.json")
 TUNING = Setting(episodes=200, seed=900)
@@ -33,13 +35,13 @@ class Tried(msgspec.Struct, frozen=True):
     chosen: bool = False
 
 
-def tune(task: Task, method: str, policies: Path, progress: Callable[[int], None]) -> list[Tried]:
-    """Try a method's settings and mark the best."""
-    tried = []
+def tune(task_name: str, method: str, policies: Path) -> list[Tried]:
+    """Try a method's settings on a task and mark the best."""
+    torch.set_num_threads(1)
+    task, tried = TASKS[task_name], []
     for candidate in candidates(task, method):
         bundle = load_policy(policies, task.name, candidate.algorithm, seed=0)
-        outcome = run_episodes(task, candidate.make(bundle), TUNING, progress)
-        tried.append(_tried(task, candidate, outcome))
+        tried.append(_tried(task, candidate, run_episodes(task, candidate.make(bundle), TUNING)))
     sign = 1.0 if task.metrics[0].higher_is_better else -1.0
     best = max(tried, key=lambda row: (row.multi_objective_success, sign * row.nominal))
     return [msgspec.structs.replace(row, chosen=row is best) for row in tried]
@@ -61,6 +63,12 @@ def chosen(tried: Sequence[Tried], task: Task, method: str) -> Contestant:
 def read_tuned(path: Path = TUNED) -> list[Tried]:
     """All settings tried so far; none without the file."""
     return msgspec.json.decode(path.read_bytes(), type=list[Tried]) if path.exists() else []
+
+
+def write_tuned(tried: Sequence[Tried], path: Path = TUNED) -> None:
+    """Replace the file, in an order that does not depend on who was ready first."""
+    rows = sorted(tried, key=lambda row: (row.task, row.method))
+    write_atomic(path, msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
 
 
 def _tried(task: Task, candidate: Contestant, outcome: Outcome) -> Tried:
