@@ -28,15 +28,15 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """How strongly objectives steer, and how their conflicts are resolved.
 
     Raises:
-        ValueError: if the scale or the start noise is negative, not finite or absurdly large.
+        ValueError: if the scale, the reach or the start noise is negative, not finite or absurdly large.
     """
 
     mode: Mode = "terminal"
     scale: float = 10.0
     """eta of eq. 10."""
     reach: float = 0.5
-    """How far preferences (formations, clusters) may move the finished action, in units of the action; safety
-    objectives move it as far as it takes. Mode ``terminal`` only."""
+    """How far preferences (formations, clusters) may move the finished action, in units of the action;
+    requirements move it as far as it takes. Mode ``terminal`` only."""
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
 

@@ -20,7 +20,7 @@ import msgspec
 
 from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
 
-LOG_FORMAT: Final = "cfpg-log/1"
+LOG_FORMAT: Final = "cfpg-log/2"
 
 
 class Versions(msgspec.Struct, frozen=True):
@@ -136,6 +136,7 @@ class ObjectiveSet(msgspec.Struct, frozen=True):
     """0 is what the run started with; a set that the team agrees on while it drives has a higher one."""
     mode: str
     scale: float
+    reach: float
     start_noise: float
     """Deviation of the flow's start."""
     objectives: tuple[LoggedObjective, ...]

@@ -58,6 +58,7 @@ def objective_set(plan: Plan) -> ObjectiveSet:
         version=plan.version,
         mode=guidance.mode,
         scale=guidance.scale,
+        reach=guidance.reach,
         start_noise=plan.start_noise,
         objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
     )

@@ -45,7 +45,8 @@ class GuidedAction(msgspec.Struct, frozen=True, gc=False):
     steps: int
     """Euler steps completed; fewer than T if the deadline came first."""
     costs: tuple[float, ...] = ()
-    """Each active objective's cost where it was evaluated last: the newest terminal estimate."""
+    """Each active objective's cost where it was evaluated last: the newest terminal estimate, or on the way
+    of the correction at tau = 1."""
     projections: int = 0
     """Steps in which a projection changed the guidance."""
     fault: str = ""

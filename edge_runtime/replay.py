@@ -122,7 +122,7 @@ def recorded_steering(chosen: ObjectiveSet, path: Path) -> tuple[GuidanceSetting
     Raises:
         ConfigError: if an own objective cannot be imported from where it was, or has other fields now.
     """
-    guidance = {"mode": chosen.mode, "scale": chosen.scale, "start_noise": chosen.start_noise}
+    guidance = {name: getattr(chosen, name) for name in GuidanceSettings.__struct_fields__}
     settings = make_steering({"guidance": guidance}, path).guidance
     return settings, tuple(_objective(logged, path) for logged in chosen.objectives if logged.active)
 

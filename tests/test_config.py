@@ -124,6 +124,7 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
             ROBOTS + "[guidance]\nstart_noise = 1e300",
             "guidance: `start_noise` must lie in [0, 1e+06], got 1e+300",
         ),
+        (ROBOTS + "[guidance]\nreach = -1", "guidance: `reach` must be finite and not negative, got -1.0"),
         (ROBOTS + "drag = 1.0", "robots[0]: `drag` must lie in [0, 1), got 1"),
         (ROBOTS + "mass_kg = 0", "robots[0]: `mass_kg` must lie in [1e-06, 1e+06], got 0"),
         (

@@ -1,7 +1,7 @@
-"""Spatial order and spacing against finite differences, torch autograd and what they promise."""
+"""Spatial order, passing and spacing against finite differences, torch autograd and what they promise."""
 
 import math
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import msgspec
 import numpy as np
@@ -14,7 +14,7 @@ from torch.nn.functional import huber_loss
 from edge_runtime.dynamics import Dynamics
 from edge_runtime.gradient_check import check_gradient
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.objectives import BUILT_IN, Slope, Spacing, SpatialOrder
+from edge_runtime.objectives import BUILT_IN, Passing, Slope, Spacing, SpatialOrder
 from edge_runtime.scene import TeamBatch, look_ahead, look_ahead_batch
 
 DYNAMICS = Dynamics(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
@@ -23,6 +23,8 @@ OBJECTIVES = [
     SpatialOrder(order=(2, 0, 1), gap_m=0.3, pull=20.0, look_ahead=1),
     Spacing(distance_m=0.15),
     Spacing(distance_m=0.5, look_ahead=1),
+    Passing(order=(1, 0, 3, 2, 4, 5), reach_m=1.0, clearance_m=0.3),
+    Passing(order=(2, 0, 1), reach_m=0.6, margin_m=0.1, clearance_m=0.4, pull=0.5, look_ahead=1),
 ]
 
 
@@ -57,44 +59,72 @@ def test_gradients(objective, teammates):
     assert check_gradient(objective, DYNAMICS, teammates=teammates).active > 50
 
 
-def order_cost(objective, position, team, gain):
-    """Every pair (left, right) of the order that the robot is part of, written out."""
-    cost = torch.zeros(())
-    places = dict(zip(team[0], position, strict=True))
+def pull_of(missing, objective, gain):
+    cure = missing.clamp_min(0) / gain
+    return huber_loss(cure, torch.zeros_like(cure), delta=objective.pull)
+
+
+def pairs_of(objective, ids):
+    """Every pair (left, right) of the order that the first robot is part of, written out."""
     for k, left in enumerate(objective.order):
         for right in objective.order[k + 1 :]:
-            if team[0][0] in (left, right) and {left, right} <= places.keys():
-                missing = (places[left][0] + objective.gap_m - places[right][0]).clamp_min(0)
-                cost = cost + huber_loss(missing / gain, torch.zeros_like(missing), delta=objective.pull)
+            if ids[0] in (left, right) and {left, right} <= set(ids):
+                yield left, right
+
+
+def order_cost(objective, position, ids, gain, _drift):
+    cost, place = torch.zeros(()), dict(zip(ids, position, strict=True))
+    for left, right in pairs_of(objective, ids):
+        cost = cost + pull_of(place[left][0] + objective.gap_m - place[right][0], objective, gain)
     return cost
 
 
-def spacing_cost(objective, position, _team, gain):
-    return 0.5 * (((position[1:] - position[0]).norm(dim=-1).min() - objective.distance_m) / gain) ** 2
+def passing_cost(objective, position, ids, gain, drift):
+    """The right one of every pair that is about to pass goes below the left one."""
+    cost, place = torch.zeros(()), dict(zip(ids, position, strict=True))
+    where = dict(zip(ids, [drift, *position[1:]], strict=True))
+    for left, right in pairs_of(objective, ids):
+        near = (where[left] - where[right]).norm() < objective.reach_m
+        if right == ids[0] and near and where[right][0] < where[left][0] + objective.margin_m:
+            cost = cost + pull_of(place[right][1] + objective.clearance_m - place[left][1], objective, gain)
+    return cost
+
+
+def spacing_cost(objective, position, _ids, gain, _drift):
+    distance = (torch.stack(position[1:]) - position[0]).norm(dim=-1).min()
+    return 0.5 * ((distance - objective.distance_m) / gain) ** 2
+
+
+ORACLES = {SpatialOrder: order_cost, Passing: passing_cost, Spacing: spacing_cost}
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES, ids=lambda o: f"{o.name}-{o.look_ahead}")
 def test_slopes_are_those_of_autograd(objective):
-    team = team_batch(np.random.default_rng(2))
+    draw = np.random.default_rng(2)
+    team = team_batch(draw)
     outlook = look_ahead_batch(team, DYNAMICS.preview(objective.look_ahead))
-    batch = objective.evaluate_batch(outlook.drift_position_m, outlook.drift_velocity_m_s, outlook)
-    oracle = order_cost if isinstance(objective, SpatialOrder) else spacing_cost
+    moved = outlook.drift_position_m + draw.uniform(-0.1, 0.1, outlook.drift_position_m.shape)
+    batch = objective.evaluate_batch(moved, outlook.drift_velocity_m_s, outlook)
     for i in range(len(team.robot_id)):
-        own = torch.tensor(outlook.drift_position_m[i], requires_grad=True)
+        own = torch.tensor(moved[i], requires_grad=True)
         position = [own, *torch.tensor(outlook.mate_position_m[i])]
         ids = [int(team.robot_id[i]), *team.mate_id[i].tolist()]
-        if oracle is spacing_cost:
-            position = torch.stack(position)
-        cost = oracle(objective, position, (ids,), outlook.preview.position_gain)
+        drift = torch.tensor(outlook.drift_position_m[i])
+        cost = ORACLES[type(objective)](objective, position, ids, outlook.preview.position_gain, drift)
         slope = torch.autograd.grad(cost, own)[0] if cost.requires_grad else torch.zeros(2)
         assert batch.cost[i] == pytest.approx(cost.item(), rel=1e-9, abs=1e-12)
         np.testing.assert_allclose(batch.d_position[i], slope.numpy(), rtol=1e-9, atol=1e-9)
+    assert batch.cost.any()
     assert not batch.d_velocity.any()
 
 
 @pytest.mark.parametrize(
     ("objective", "neighbour"),
-    [(SpatialOrder(order=(0, 1), gap_m=0.1), (1, 0.09, 0.3)), (Spacing(distance_m=0.3), (1, 0.0, 0.1))],
+    [
+        (SpatialOrder(order=(0, 1), gap_m=0.1), (1, 0.09, 0.3)),
+        (Spacing(distance_m=0.3), (1, 0.0, 0.1)),
+        (Passing(order=(1, 0)), (1, 0.01, 0.01)),
+    ],
 )
 def test_cost_is_half_the_squared_action_that_cures(objective, neighbour):
     preview = DYNAMICS.preview(objective.look_ahead)
@@ -155,6 +185,48 @@ def test_robots_that_the_order_does_not_name_are_free():
     assert slope_at(objective, (0, 0.5, 0.0), (7, 0.4, 0.0), (1, 0.45, 0.0)).d_x > 0
 
 
+@settings(deadline=None)
+@given(
+    x=st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=2),
+    y=st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=2),
+    order=st.permutations(range(2)),
+)
+def test_of_two_robots_that_pass_only_the_later_one_gives_way(x, y, order):
+    objective = Passing(order=tuple(order))
+    first, later = ((i, x[i], y[i]) for i in order)
+    gives = slope_at(objective, later, first)
+    about_to_pass = later[1] < first[1] and math.dist(first[1:], later[1:]) < objective.reach_m
+    in_the_way = later[2] + objective.clearance_m > first[2]
+    assert slope_at(objective, first, later) == Slope(0.0)
+    assert (gives.cost > 0.0) == (about_to_pass and in_the_way)
+    assert gives.d_y >= 0.0 == gives.d_x
+
+
+@settings(deadline=None)
+@given(y=st.lists(st.floats(-0.03, 0.03), min_size=5, max_size=5), order=st.permutations(range(5)))
+def test_of_each_pair_in_the_wrong_order_exactly_one_gives_way(y, order):
+    objective, robots = Passing(order=tuple(order)), [(i, 0.01 * i, y[i]) for i in range(5)]
+    for west, east in combinations(robots, 2):
+        wrong = order.index(west[0]) > order.index(east[0])
+        costs = slope_at(objective, west, east).cost, slope_at(objective, east, west).cost
+        assert [cost > 0.0 for cost in costs] == [wrong, False]
+
+
+def test_no_neighbour_makes_a_robot_give_way_harder_than_it_may():
+    objective = Passing(order=(1, 2, 0), pull=0.3)
+    gain = DYNAMICS.preview(objective.look_ahead).position_gain
+    one, two = (1, 0.01, 0.05), (2, 0.02, 0.03)
+    assert gain * slope_at(objective, (0, 0.0, 0.0), one).d_y == pytest.approx(0.3)
+    assert gain * slope_at(objective, (0, 0.0, 0.0), one, two).d_y == pytest.approx(0.6)
+
+
+def test_passing_leaves_robots_alone_that_its_order_does_not_name():
+    objective = Passing(order=(0, 1))
+    assert slope_at(objective, (7, 0.0, 0.0), (0, 0.01, 0.0)) == Slope(0.0)
+    assert slope_at(objective, (1, 0.0, 0.0), (7, 0.01, 0.0)) == Slope(0.0)
+    assert slope_at(objective, (1, 0.0, 0.0)) == Slope(0.0)
+
+
 def test_spacing_heeds_only_the_closest_neighbour():
     objective = Spacing(distance_m=0.15)
     near, far = (1, 0.1, 0.0), (2, -0.12, 0.0)
@@ -198,6 +270,17 @@ def test_a_robot_alone_has_no_slope_in_a_batch():
         ({"type": "spacing", "distance_m": 0.0}, "positive"),
         ({"type": "spacing", "distance_m": math.nan}, "finite"),
         ({"type": "spacing", "distance_m": 0.1, "gap_m": 0.1}, "gap_m"),
+        ({"type": "passing"}, "order"),
+        ({"type": "passing", "order": [0]}, "at least two"),
+        ({"type": "passing", "order": [0, 1, 0]}, "each once"),
+        ({"type": "passing", "order": [0, 1], "reach_m": 0.0}, "`reach_m` must be positive, got 0"),
+        ({"type": "passing", "order": [0, 1], "clearance_m": -0.1}, "`clearance_m` must be positive"),
+        ({"type": "passing", "order": [0, 1], "pull": 0.0}, "`pull` must be positive"),
+        ({"type": "passing", "order": [0, 1], "margin_m": -0.1}, "`margin_m` must not be negative"),
+        ({"type": "passing", "order": [0, 1], "margin_m": math.inf}, "finite"),
+        ({"type": "passing", "order": [0, 1], "reach_m": 1e9}, "reach_m"),
+        ({"type": "passing", "order": [0, 1], "look_ahead": 0}, "look_ahead"),
+        ({"type": "passing", "order": [0, 1], "gap_m": 0.1}, "gap_m"),
     ],
 )
 def test_bad_values_are_refused_in_one_line(wrong, complaint):

@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from typing import get_args
+from typing import ClassVar, get_args
 
 import numpy as np
 import pytest
@@ -15,7 +15,16 @@ from edge_runtime.dynamics import Dynamics
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide, Mode
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.objectives import Objective, SafetyMargin, Slope, SpeedLimit
+from edge_runtime.objectives import (
+    Clustering,
+    Objective,
+    Passing,
+    SafetyMargin,
+    Slope,
+    Spacing,
+    SpatialOrder,
+    SpeedLimit,
+)
 from edge_runtime.policy import FlowPolicy
 from edge_runtime.scene import TeamBatch
 
@@ -25,6 +34,11 @@ OBJECTIVES = [
     SafetyMargin(distance_m=0.5, weight=0.5),
     SafetyMargin(distance_m=0.8, look_ahead=6, weight=2.0),
     SpeedLimit(limit_m_s=0.1, look_ahead=4, weight=0.3),
+]
+WISHES = [
+    SpatialOrder(order=(2, 0, 3, 1), gap_m=0.2, weight=0.7),
+    Spacing(distance_m=0.3, weight=0.4),
+    Clustering(radius_m=0.2, weight=2.0),
 ]
 
 
@@ -53,13 +67,22 @@ def as_batch(teams) -> TeamBatch:
 
 
 @pytest.mark.parametrize("mode", get_args(Mode))
-def test_batch_and_single_agree(mode):
+@pytest.mark.parametrize(
+    "objectives",
+    [
+        OBJECTIVES[:3],
+        WISHES,
+        [WISHES[0], OBJECTIVES[0], WISHES[1], Passing(order=(2, 0, 3, 1), reach_m=0.5), OBJECTIVES[1]],
+    ],
+    ids=["requirements", "preferences", "both"],
+)
+def test_batch_and_single_agree(mode, objectives):
     draw = np.random.default_rng(5)
     weights = random_weights(seed=2)
     teams = [random_team(draw) for _ in range(40)]
     observations = draw.standard_normal((40, 18)).astype(np.float32)
     starts = draw.standard_normal((40, 2))
-    guide = Guide(GuidanceSettings(mode=mode, scale=2.0), OBJECTIVES[:3], DYNAMICS)
+    guide = Guide(GuidanceSettings(mode=mode, scale=2.0, reach=0.3), objectives, DYNAMICS)
     many = guided_actions(FlowPolicy(weights, 10, 40), observations, as_batch(teams), guide, starts)
     policy = FlowPolicy(weights, 10)
     for i, team in enumerate(teams):
@@ -223,6 +246,30 @@ def test_non_finite_inputs_are_faults(bad):
     assert result.action == (0.0, 0.0)
 
 
+class FaultyAtTheEnd(Objective, frozen=True, kw_only=True, tag="faulty_at_the_end"):
+    """Its gradient fails in the correction only, after a single Euler step."""
+
+    asked: ClassVar[list[int]] = []
+
+    def evaluate(self, motion, outlook):
+        self.asked.append(0)
+        return Slope(0.0, d_x=math.nan if len(self.asked) > 1 else 0.0)
+
+
+class FaultyWishAtTheEnd(FaultyAtTheEnd, frozen=True, kw_only=True, tag="faulty_wish_at_the_end"):
+    preference: ClassVar[bool] = True
+
+
+@pytest.mark.parametrize("kind", [FaultyAtTheEnd, FaultyWishAtTheEnd])
+def test_a_gradient_that_fails_in_the_correction_is_a_fault(kind):
+    FaultyAtTheEnd.asked.clear()
+    team, policy = random_team(np.random.default_rng(1)), FlowPolicy(random_weights(), 1)
+    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.1), kind()], DYNAMICS)
+    result = guided_action(policy, np.zeros((1, 18), np.float32), team, guide)
+    assert (result.action, result.steps) == ((0.0, 0.0), 1)
+    assert result.fault == f"the gradient of {kind().name} is not finite"
+
+
 def test_a_non_finite_velocity_is_a_fault():
     weights = random_weights()
     weights.biases[-1][0] = np.nan
@@ -245,7 +292,10 @@ def test_without_scale_or_weight_the_flow_is_unguided():
         assert guided_action(policy, observation, team, Guide(settings, objectives, DYNAMICS)) == unguided
 
 
-@pytest.mark.parametrize("wrong", [{"scale": math.inf}, {"scale": -1.0}, {"start_noise": math.nan}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"scale": math.inf}, {"scale": -1.0}, {"start_noise": math.nan}, {"reach": -0.1}, {"reach": math.inf}],
+)
 def test_bad_settings_are_refused(wrong):
     with pytest.raises(ValueError, match="finite and not negative"):
         GuidanceSettings(**wrong)

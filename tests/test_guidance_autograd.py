@@ -11,13 +11,24 @@ from test_guidance import DYNAMICS, OBJECTIVES, random_team
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
-from edge_runtime.objectives import SpeedLimit
+from edge_runtime.objectives import SafetyMargin, Spacing, SpatialOrder, SpeedLimit
 from edge_runtime.policy import FlowPolicy
 
 torch = pytest.importorskip("torch")
 import torch_oracle  # noqa: E402
 
-COSTS = {"speed_limit": torch_oracle.speed_cost, "safety_margin": torch_oracle.margin_cost}
+COSTS = {
+    "speed_limit": torch_oracle.speed_cost,
+    "safety_margin": torch_oracle.margin_cost,
+    "spacing": torch_oracle.spacing_cost,
+    "spatial_order": torch_oracle.order_cost,
+}
+MIXED = [
+    SpatialOrder(order=(2, 0, 3, 1), gap_m=0.2, weight=0.7),
+    SpeedLimit(limit_m_s=0.3),
+    Spacing(distance_m=0.3, weight=0.4),
+    SafetyMargin(distance_m=0.5),
+]
 CASES = list(
     itertools.product(
         ["silu", "tanh"], [1, 2, 3, 4], [1, 2, 5, 10, 20], ["none", "hierarchical", "cone", "terminal"]
@@ -43,6 +54,25 @@ def test_guided_actions_agree_with_autograd(activation, count, steps, mode):
         result = guided_action(policy, observation, team, guide, start)
         assert result.steps == steps
         assert not result.fault
+        assert np.abs(result.action - expected).max() <= 1e-5
+
+
+@pytest.mark.parametrize("steps", [1, 10])
+@pytest.mark.parametrize("reach", [0.0, 0.1, 0.5, 20.0])
+@pytest.mark.parametrize("chosen", [(0,), (2,), (0, 2), (0, 1), (2, 3), (0, 1, 2, 3)])
+def test_preferences_before_requirements_agree_with_autograd(chosen, reach, steps):
+    draw = np.random.default_rng([*chosen, steps])
+    weights, objectives = random_weights(seed=sum(chosen)), [MIXED[m] for m in chosen]
+    wishes = [m for m, place in enumerate(chosen) if place in (0, 2)]
+    guide = Guide(GuidanceSettings(scale=1.0, reach=reach), objectives, DYNAMICS)
+    for _ in range(5):
+        team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
+        costs = [partial(COSTS[o.name], o, team, DYNAMICS) for o in objectives]
+        lambdas = [o.weight for o in objectives]
+        expected = torch_oracle.guided_action(
+            weights, observation[0], costs, lambdas, 1.0, "terminal", (0.3, -0.2), steps, wishes, reach
+        )
+        result = guided_action(FlowPolicy(weights, steps), observation, team, guide, (0.3, -0.2))
         assert np.abs(result.action - expected).max() <= 1e-5
 
 

@@ -29,7 +29,7 @@ ticks = st.builds(
 )
 others = st.one_of(
     st.builds(End, st.text(), st.booleans(), numbers, numbers, numbers),
-    st.builds(ObjectiveSet, numbers, st.text(), floats, floats, st.just(())),
+    st.builds(ObjectiveSet, numbers, st.text(), floats, floats, floats, st.just(())),
 )
 
 

@@ -153,6 +153,24 @@ def test_an_own_objective_is_imported_from_where_it_was(tmp_path):
     assert {tick.action.costs for tick in ticks(path)} == {(0.1,)}
 
 
+def test_how_far_preferences_reached_is_recorded_and_repeated(tmp_path):
+    (tmp_path / "wish_east.py").write_text(
+        "from typing import ClassVar\n"
+        "from edge_runtime.objectives import Objective, Slope\n"
+        "class WishEast(Objective, frozen=True, kw_only=True, tag='wish_east'):\n"
+        "    preference: ClassVar[bool] = True\n"
+        "    def evaluate(self, motion, outlook):\n"
+        "        return Slope(1.0, d_vx=-100.0)\n"
+    )
+    objectives = tmp_path / "east.toml"
+    objectives.write_text('[[objectives]]\ntype = "wish_east:WishEast"\n[guidance]\nreach = 0.125\n')
+    (path,) = record(tmp_path / "logs", "--objectives", str(objectives))
+    assert {tick.action.correction for tick in ticks(path)} != {(0.0, 0.0)}
+    for tick in ticks(path):
+        assert math.hypot(*tick.action.correction) == pytest.approx(0.125)
+    assert main([str(path)]) == 0
+
+
 def test_unguided_runs_are_repeated(tmp_path):
     (path,) = record(tmp_path, "--no-guidance")
     assert {tick.action.costs for tick in ticks(path)} == {()}

@@ -47,11 +47,34 @@ def margin_cost(objective, team, dynamics, action):
     position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
     scale, total = gain(dynamics, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
     for mate in team.teammates:
-        intended = torch.tensor(mate.intended_action, dtype=torch.float64)
-        other, _ = drive(*_state(mate.state), intended, dynamics, objective.look_ahead)
-        short = objective.distance_m + objective.buffer_m - (position - other).norm()
+        distance = (position - _ahead(mate, dynamics, objective)).norm()
+        short = objective.distance_m + objective.buffer_m - distance
         total = total + 0.5 * (short.clamp_min(0) / scale) ** 2
     return total
+
+
+def spacing_cost(objective, team, dynamics, action):
+    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
+    nearest = min((position - _ahead(mate, dynamics, objective)).norm() for mate in team.teammates)
+    return 0.5 * ((nearest - objective.distance_m) / gain(dynamics, objective.look_ahead, 0)) ** 2
+
+
+def order_cost(objective, team, dynamics, action):
+    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
+    scale, total = gain(dynamics, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
+    own = objective.order.index(team.own.robot_id)
+    for mate in team.teammates:
+        ahead = _ahead(mate, dynamics, objective)[0] - position[0]
+        if objective.order.index(mate.state.robot_id) < own:
+            ahead = -ahead
+        cure = (objective.gap_m - ahead).clamp_min(0) / scale
+        total = total + F.huber_loss(cure, torch.zeros_like(cure), delta=objective.pull)
+    return total
+
+
+def _ahead(mate, dynamics, objective):
+    intended = torch.tensor(mate.intended_action, dtype=torch.float64)
+    return drive(*_state(mate.state), intended, dynamics, objective.look_ahead)[0]
 
 
 def _state(robot):
@@ -89,8 +112,11 @@ def nominal_projection(total, nominal):
     return total
 
 
-def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps):
-    """T Euler steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate."""
+def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps, wishes=(), reach=0.0):
+    """T Euler steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate.
+
+    ``wishes`` are the places of those costs that mode ``terminal`` takes for preferences.
+    """
     action = torch.tensor(start, dtype=torch.float64)
     for k in range(steps):
         tau = k / steps
@@ -101,11 +127,27 @@ def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps)
         v = v.detach()
         guidance = combine(mode, gradients, lambdas, v) if gradients else torch.zeros_like(v)
         action = action.detach() + (v + eta * guidance) / steps
-    return (action + correction(costs, action) if mode == "terminal" else action).detach().numpy()
+    if mode == "terminal":
+        weighted = [(costs[m], lambdas[m]) for m in wishes]
+        action = preferred(weighted, action, reach) if weighted else action
+        musts = [cost for m, cost in enumerate(costs) if m not in wishes]
+        action = action + required(musts, action) if musts else action
+    return action.detach().numpy()
 
 
-def correction(costs, action):
-    """The cone projection's step at the finished action itself."""
+def preferred(weighted_costs, finished, reach):
+    """Five projected gradient steps of rate 1/2 on the weighted sum, in the ball around what was sampled."""
+    action = finished
+    for _ in range(5):
+        action = action.detach().requires_grad_(True)
+        total = sum(weight * cost(action) for cost, weight in weighted_costs)
+        moved = action.detach() - 0.5 * torch.autograd.grad(total, action)[0] - finished
+        action = finished + (moved if moved.norm() <= reach else reach * F.normalize(moved, dim=0))
+    return action
+
+
+def required(costs, action):
+    """The cone projection's step at the action that is preferred."""
     action = action.detach().requires_grad_(True)
     gradients = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
     return combine("cone", gradients, [1.0] * len(costs), torch.zeros(2))

@@ -14,8 +14,13 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
     is still on the wrong sides and within ``reach_m``, goes below the other (smaller y) by ``clearance_m``;
     the other need do nothing. Both know the order, so they agree without a word. h is that of `SpatialOrder`.
 
-    Which pairs these are is decided by where everybody drifts under a zero action, so that the cost is
-    smooth in the action.
+    Which pairs these are is decided by where the robot drifts under a zero action, so that the cost is smooth
+    in the action. It is a requirement, not a preference: getting out of the way is not to be limited. Robots
+    that ``order`` does not name are free.
+
+    Raises:
+        ValueError: if the order names a robot twice or fewer than two, the margin is negative, or another
+            length or the pull is not positive.
     """
 
     look_ahead: int = 4
@@ -36,6 +41,8 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
         for field in ("reach_m", "clearance_m", "pull"):
             if getattr(self, field) <= 0.0:
                 raise ValueError(f"`{field}` must be positive, got {getattr(self, field)}")
+        if self.margin_m < 0.0:
+            raise ValueError(f"`margin_m` must not be negative, got {self.margin_m}")
 
     def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
