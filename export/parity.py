@@ -1,5 +1,6 @@
 """Do all forms of a policy compute the same? The check that stands between training and a robot."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -56,9 +57,13 @@ def random_inputs(facts: Facts, count: int = SAMPLES, seed: int = 0) -> Inputs:
 
 
 def evaluate_torch(network: nn.Module, inputs: Inputs) -> Floats:
-    """Velocity and autograd derivatives (1 + d, B, d) of ``network(action, tau (B, 1), observation)``."""
+    """Velocity and autograd derivatives (1 + d, B, d) of ``network(action, tau (B, 1), observation)``.
+
+    In double precision: the source's own rounding is not what the other forms are held to.
+    """
+    network = copy.deepcopy(network).double()
     action, tau, observation = (
-        torch.tensor(array, dtype=torch.float32)
+        torch.tensor(array, dtype=torch.float64)
         for array in (inputs.action, inputs.tau[:, None], inputs.observation)
     )
     action.requires_grad_()
@@ -68,7 +73,7 @@ def evaluate_torch(network: nn.Module, inputs: Inputs) -> Floats:
         for i in range(velocity.shape[1])
     ]
     jacobian = torch.stack(rows, dim=-1).permute(1, 0, 2)
-    return torch.cat([velocity[None], jacobian]).detach().double().numpy()
+    return torch.cat([velocity[None], jacobian]).detach().numpy()
 
 
 def require_parity(results: Mapping[str, npt.NDArray[np.floating]]) -> float:
