@@ -43,9 +43,9 @@ class Picture(msgspec.Struct, frozen=True):
 PICTURES = {
     picture.task: picture
     for picture in (
-        Picture("navigation", "navigation", GuidanceSettings(mode="terminal"), 12.0),
-        Picture("balance", "balance", GuidanceSettings(mode="none", scale=2.0), 30.0),
-        Picture("sampling", "sampling", GuidanceSettings(mode="terminal"), 15.0),
+        Picture("navigation", "navigation", GuidanceSettings(), 12.0),
+        Picture("balance", "balance", GuidanceSettings(scale=0.3, reach=0.5), 30.0),
+        Picture("sampling", "sampling", GuidanceSettings(scale=0.3, reach=2.0), 15.0),
     )
 }
 
@@ -79,7 +79,7 @@ def draw(picture: Picture, policies: Path, path: Path, setting: Setting = SETTIN
     """
     bundle = _bundle(picture, policies)
     task = TASKS[picture.task]
-    with_guidance = guided(picture.guidance, task.objectives, bundle)
+    with_guidance = guided(picture.guidance, (*task.objectives, *task.deconfliction), bundle)
     alone = unguided(bundle, picture.guidance.start_noise)
     satisfied, after = _follow(picture, with_guidance, setting)
     _, before = _follow(picture, alone, setting)

@@ -37,7 +37,7 @@ METHODS = ("CFPG", *PROJECTIONS, "MAPPO+PGD", "MAPPO+SHLD", "PC-MAPPO")
 def candidates(task: Task, method: str) -> list[Contestant]:
     """One method on one task with each of its eight settings."""
     if method == "CFPG":
-        grid = product((0.3, 3.0), (0.5, 1.0), (0.5, 1.0))
+        grid = product((0.3, 3.0), (0.5, 2.0), (0.5, 1.0))
         return [ours(task, GuidanceSettings(scale=s, reach=r, start_noise=n)) for s, r, n in grid]
     if method in PROJECTIONS:
         settings = [GuidanceSettings(mode=PROJECTIONS[method], scale=scale) for scale in SCALES]

@@ -1,0 +1,104 @@
+"""Learning curves of all algorithms over all seeds, from the runs that ``export.train_all`` left.
+
+    python -m benchmarks.paper.curves --runs runs
+
+writes the validated points to ``benchmarks/results/paper/curves.csv`` and draws them beside it: the mean over
+seeds, and the range between the worst and the best.
+"""
+
+import argparse
+import csv
+import sys
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+
+from benchmarks.paper.tasks import TASKS
+from edge_runtime.errors import ConfigError
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+OUT = Path(__file__).parents[1] / "results" / "paper"
+COLOURS = {
+    "mafpo": ("#d55e00", "mafpo (eqs. 8, 9)"),
+    "mafpo-chain": ("#0072b2", "mafpo-chain"),
+    "mappo": ("#009e73", "mappo"),
+}
+"""What learns the task alone, and from nothing."""
+
+
+class Point(NamedTuple):
+    """One validation: the same starts for all, half of them with the flow's noise, half without."""
+
+    task: str
+    algorithm: str
+    seed: int
+    frames: int
+    score: float
+
+
+def read_points(runs: Path) -> list[Point]:
+    """All validations under ``runs/<task>/<algorithm>/seed-<n>``.
+
+    Raises:
+        ConfigError: if there are none.
+    """
+    points = []
+    for table in sorted(runs.glob("*/*/seed-*/metrics.csv")):
+        task, algorithm, seed = table.parts[-4], table.parts[-3], int(table.parts[-2].removeprefix("seed-"))
+        if task in TASKS and algorithm in COLOURS:
+            with table.open() as lines:
+                rows = [row for row in csv.DictReader(lines) if row["score"]]
+            points += [Point(task, algorithm, seed, int(row["frames"]), float(row["score"])) for row in rows]
+    if not points:
+        raise ConfigError(f"{runs}: holds no metrics.csv of a run: make them with python -m export.train_all")
+    return points
+
+
+def draw(points: Sequence[Point], path: Path) -> None:
+    """A panel a task, a line and a band an algorithm."""
+    figure, axes = plt.subplots(1, len(TASKS), figsize=(13, 3.8), layout="constrained")
+    for panel, task in zip(axes, TASKS, strict=True):
+        for algorithm, (colour, label) in COLOURS.items():
+            scores = defaultdict(list)
+            for point in points:
+                if (point.task, point.algorithm) == (task, algorithm):
+                    scores[point.frames].append(point.score)
+            if scores:
+                frames = np.array(sorted(scores))
+                low, mean, high = ([pick(scores[frame]) for frame in frames] for pick in (min, np.mean, max))
+                panel.plot(
+                    frames / 1e6, mean, color=colour, label=f"{label}, {max(map(len, scores.values()))} seeds"
+                )
+                panel.fill_between(frames / 1e6, low, high, color=colour, alpha=0.2, lw=0)
+        panel.set(title=task, xlabel="million control steps of the team", ylim=(0, 1))
+        panel.legend(fontsize=8, loc="lower right")
+    axes[0].set_ylabel("validation score")
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read, write, draw; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.curves", description=__doc__)
+    parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR")
+    options = parser.parse_args(arguments)
+    try:
+        points = read_points(options.runs)
+    except ConfigError as error:
+        print(f"curves: {error}", file=sys.stderr)
+        return 2
+    OUT.mkdir(parents=True, exist_ok=True)
+    with (OUT / "curves.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([Point._fields, *points])
+    draw(points, OUT / "curves.png")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
