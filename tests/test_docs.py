@@ -15,6 +15,7 @@ import pytest
 from benchmarks.__main__ import COMMANDS as BENCHMARKS
 from edge_runtime.config import load_fleet, load_steering
 from edge_runtime.gradient_check import check_gradient
+from edge_runtime.objectives import BUILT_IN
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -92,15 +93,26 @@ def test_the_fleet_file_loads(page, robots, tmp_path):
     assert [robot.id for robot in fleet.robots] == robots
 
 
-def test_the_objectives_file_loads_and_the_own_objective_passes_its_check(tmp_path, capsys):
+OBJECTIVES = [("speed_limit", "safety_margin"), ("spatial_order", "passing")]
+
+
+def test_the_objectives_files_load_and_the_own_objective_passes_its_check(tmp_path, capsys):
     page = ROOT / "docs" / "objective.md"
-    (text,) = blocks(page, "toml")
-    (tmp_path / "mine.toml").write_text(text)
-    assert len(load_steering(tmp_path / "mine.toml").objectives) == 2
+    for text, names in zip(blocks(page, "toml"), OBJECTIVES, strict=True):
+        (tmp_path / "mine.toml").write_text(text)
+        assert tuple(o.name for o in load_steering(tmp_path / "mine.toml").objectives) == names
     names = {"__name__": "stay_north", "check_gradient": check_gradient}
     for code in blocks(page, "python"):
         exec(compile(code, "objective.md", "exec"), names)  # noqa: S102
     assert "worst_error" in capsys.readouterr().out
+
+
+def test_the_page_lists_every_built_in_objective_with_its_keys_and_which_are_preferences():
+    table = (ROOT / "docs" / "objective.md").read_text()
+    for kind in BUILT_IN:
+        (row,) = re.findall(rf"^\| `{kind.__struct_config__.tag}` \| (.*) \| (.*) \|$", table, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", row[1])) == set(kind.__struct_fields__) - {"weight", "look_ahead"}
+        assert row[0].endswith("(a preference)") == kind.preference
 
 
 def test_the_site_builds_without_a_warning(tmp_path):
