@@ -1,5 +1,7 @@
 """The training scenario against VMAS itself."""
 
+from itertools import product
+
 import pytest
 import torch
 import vmas
@@ -9,7 +11,15 @@ from edge_runtime.manifest_rules import GRAPH_FILE, check_manifest
 from edge_runtime.observation import Observer
 from export.facts import Facts
 from export.scenarios import make_scenario
-from export.scenarios.balance import FACTS, GRAVITY_M_S2, ON_GOAL_M, START_DISTANCE_M
+from export.scenarios.balance import (
+    FACTS,
+    GRAVITY_M_S2,
+    HELD_SPACING_M,
+    HOLD_STIFFNESS_PER_M,
+    ON_GOAL_M,
+    START_DISTANCE_M,
+    STRONGEST_HOLD,
+)
 from export.scenarios.balance_starts import LINE_LENGTH_M, RADIUS_M, draw_starts
 from export.scenarios.scenario import EpisodeMetrics
 
@@ -22,9 +32,9 @@ def balance(environments=64, seed=0, training=False):
 
 
 def state_of(scenario):
+    """What VMAS knows: no generator, and nothing that holds the robots."""
     state = scenario.state_dict()
-    del state["generator"]
-    return state
+    return {name: value for name, value in state.items() if name not in {"generator", "slot", "hold"}}
 
 
 def vmas_in(state):
@@ -59,13 +69,26 @@ def test_observation_is_that_of_vmas_with_a_continuous_inclination():
     torch.testing.assert_close(ours[..., -1], (2 * theirs[..., -1]).sin(), atol=1e-5, rtol=0)
 
 
-def test_steps_and_rewards_are_those_of_vmas():
-    scenario = balance(training=True)
+def pull_of(state):
+    """What holds each robot, written out: a spring to its slot along x, never stronger than the hold."""
+    pull = torch.zeros_like(state["position"])
+    for episode, robot in product(range(len(pull)), range(ROBOTS)):
+        hold = state["hold"][episode, 0].item()
+        x = state["position"][episode, robot, 0] - state["line"][episode, 0]
+        spring = HOLD_STIFFNESS_PER_M * (state["slot"][episode, robot] - x)
+        pull[episode, robot, 0] = spring.clamp(-hold, hold)
+    return pull
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_steps_and_rewards_are_those_of_vmas(training):
+    scenario = balance(training=training)
     env = vmas_in(state_of(scenario))
     for _ in range(10):
         action = torch.randn(64, ROBOTS, 2)
+        told = action + pull_of(scenario.state_dict()) if training else action
         transition = scenario.step(action)
-        _, reward, done, _ = env.step(list(action.unbind(1)))
+        _, reward, done, _ = env.step(list(told.unbind(1)))
         assert torch.equal(transition.reward, torch.stack(reward, 1))
         assert torch.equal(transition.succeeded | transition.failed, done)
 
@@ -128,6 +151,65 @@ def test_starts_are_distributed_as_vmas_own():
         assert not own[name].any()
 
 
+def held(environments=2000):
+    return balance(environments, training=True).state_dict()
+
+
+def test_half_of_the_training_episodes_are_held_and_no_others():
+    hold = held()["hold"]
+    assert 0.46 < (hold > 0).float().mean() < 0.54
+    assert hold.min() == 0.0
+    assert hold[hold > 0].mean() == pytest.approx(STRONGEST_HOLD / 2, abs=0.02)
+
+
+def test_formations_stand_on_the_line_apart_by_what_they_may():
+    slot = held()["slot"]
+    spacing, (low, high) = slot.diff(dim=1), HELD_SPACING_M
+    torch.testing.assert_close(spacing, spacing[:, :1].expand_as(spacing), atol=1e-6, rtol=0)
+    assert low - 1e-6 <= spacing.min() < low + 0.01
+    assert high - 0.01 < spacing.max() <= high + 1e-6
+    assert slot.abs().max() < LINE_LENGTH_M / 2
+    under = slot.abs().amax(1) <= LINE_LENGTH_M / 2 - RADIUS_M + 1e-6
+    amid = slot.mean(1).abs() < 1e-6  # the widest ones have no other place
+    assert (under | amid).all()
+
+
+def test_no_robot_is_pulled_harder_than_it_may_nor_away_from_its_slot():
+    scenario = balance(500, training=True)
+    for _ in range(20):
+        scenario.step(2 * torch.rand(500, ROBOTS, 2) - 1)
+        state, pull = scenario.state_dict(), scenario._holding()
+        assert (pull[..., 0].abs() <= state["hold"]).all()
+        assert state["hold"].max() <= STRONGEST_HOLD
+        assert not pull[..., 1].any()
+        missing = state["slot"] - (state["position"] - state["line"][:, None])[..., 0]
+        assert (pull[..., 0] * missing >= 0).all()
+        torch.testing.assert_close(pull, pull_of(state), atol=1e-5, rtol=0)
+
+
+def test_an_evaluation_is_held_by_nothing_wherever_its_slots_are():
+    free, elsewhere, action = balance(), balance(), 2 * torch.rand(64, ROBOTS, 2) - 1
+    assert not free.state_dict()["hold"].any()
+    elsewhere.load_state_dict(elsewhere.state_dict() | {"slot": torch.full((64, ROBOTS), 7.0)})
+    for scenario in (free, elsewhere):
+        scenario.reset(torch.arange(64) % 2 == 0)
+        assert not scenario.state_dict()["hold"].any()
+    for _ in range(20):
+        assert torch.equal(free.step(action).reward, elsewhere.step(action).reward)
+    assert torch.equal(free.observe(), elsewhere.observe())
+
+
+def test_what_holds_the_robots_is_saved_and_restored():
+    scenario, other = balance(training=True), balance(seed=7, training=True)
+    saved = scenario.state_dict()
+    scenario.reset()
+    assert not torch.equal(scenario.state_dict()["slot"], saved["slot"])
+    other.load_state_dict(saved)
+    for name in ("slot", "hold"):
+        assert torch.equal(other.state_dict()[name], saved[name])
+    torch.testing.assert_close(other._holding(), pull_of(saved), atol=1e-5, rtol=0)
+
+
 def assert_alike(a, b):
     torch.testing.assert_close(a.mean(0), b.mean(0), atol=0.04, rtol=0)
     torch.testing.assert_close(a.std(0), b.std(0), atol=0.02, rtol=0)
@@ -163,10 +245,10 @@ def test_flights_go_on_without_falling_at_once():
 def test_masked_reset_leaves_the_other_episodes_alone():
     scenario = balance(training=True)
     scenario.step(torch.rand(64, ROBOTS, 2))
-    before, finished = state_of(scenario), torch.arange(64) % 3 == 0
+    before, finished = scenario.state_dict(), torch.arange(64) % 3 == 0
     scenario.reset(finished)
-    after = state_of(scenario)
-    for name in before:
+    after = scenario.state_dict()
+    for name in before.keys() - {"generator"}:
         assert torch.equal(before[name][~finished], after[name][~finished])
     assert (before["goal"][finished] != after["goal"][finished]).all()
 

@@ -6,14 +6,17 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 
 from edge_runtime.errors import ConfigError
+from export import warm_start
 from export.algorithm import TrainingSettings
 from export.checkpoint import load, load_policy
 from export.distributed import Workers
+from export.mafpo_warm import MafpoWarm, match
 from export.plan import ALGORITHMS, Request, make_plan
 from export.training_run import TrainingRun
 
@@ -90,16 +93,24 @@ def interrupt_at(frames):
 
 
 @pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
-def test_every_algorithm_resumes_between_two_validations(algorithm, tmp_path):
-    settings = replace(SETTINGS, frames=3 * 48, validation_every=9)
-    whole, parts = (request(tmp_path / part, algorithm=algorithm) for part in ("whole", "parts"))
+def test_every_algorithm_resumes_between_two_validations(algorithm, tmp_path, monkeypatch):
+    settings, start = replace(SETTINGS, frames=3 * 48, validation_every=9), None
+    if algorithm == MafpoWarm.name:
+        monkeypatch.setattr(warm_start, "ENVIRONMENTS", 4)
+        monkeypatch.setattr(warm_start, "match", partial(match, steps=10))
+        start = tmp_path / "mappo"
+        start.mkdir()
+        train(request(start, algorithm="mappo"), settings=settings)
+    whole, parts = (
+        request(tmp_path / part, algorithm=algorithm, warm_start=start) for part in ("whole", "parts")
+    )
     for part in (whole, parts):
         part.out.mkdir()
     train(whole, settings=settings)
     with pytest.raises(KeyboardInterrupt):
         train(parts, interrupt_at(2 * 48), settings)
     assert load(parts.out / "checkpoint.pt")["trainer"]["frames"] == 2 * 48
-    train(replace(parts, resume=True), settings=settings)
+    train(replace(parts, resume=True, warm_start=None), settings=settings)
     for name in ("checkpoint.pt", "best.pt"):
         assert same(load(whole.out / name), load(parts.out / name))
 
