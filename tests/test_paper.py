@@ -10,7 +10,8 @@ from scipy import stats
 
 from benchmarks.paper import command, evaluation
 from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend, shield
-from benchmarks.paper.candidates import METHODS, candidates
+from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
+from benchmarks.paper.contestants import FLOWS, ours
 from benchmarks.paper.episodes import Setting, run_episodes
 from benchmarks.paper.evaluation import Question
 from benchmarks.paper.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
@@ -32,6 +33,8 @@ from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.scenario import Transition
 
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+SOMEBODY = ours(TASKS["navigation"], GuidanceSettings(scale=0.3, reach=0.5, start_noise=0.5))
+MODE = "terminal, eta 0.3, noise 0.5, reach 0.5"
 
 
 @dataclass
@@ -225,8 +228,22 @@ def test_every_method_may_be_tuned_over_as_many_settings():
             assert len(set(modes)) == 8
 
 
+def test_a_contestant_is_named_by_all_that_was_tuned():
+    assert (SOMEBODY.method, SOMEBODY.mode, SOMEBODY.algorithm) == ("CFPG", MODE, FLOWS["navigation"])
+    (literal, *_) = candidates(TASKS["navigation"], "CFPG (eqs. 14, 15)")
+    assert literal.mode == "hierarchical, eta 0.3, noise 1"  # reach means nothing there
+    assert candidates(TASKS["balance"], "CFPG")[0].algorithm == "mafpo-warm"
+
+
+def test_every_scale_of_the_sweep_keeps_the_other_settings_and_only_flows_have_one():
+    swept = scaled(TASKS["navigation"], SOMEBODY)
+    assert [who.mode for who in swept] == [MODE.replace("0.3", f"{scale:g}") for scale in SCALES]
+    with pytest.raises(ValueError, match="PC-MAPPO has no guidance scale"):
+        scaled(TASKS["navigation"], candidates(TASKS["navigation"], "PC-MAPPO")[0])
+
+
 def some_row(seed=0, success=50.0, method="CFPG"):
-    key = Key("navigation", method, "terminal, eta 10", seed, 10, None, "policy", "definitions")
+    key = Key("navigation", method, MODE, seed, 10, None, None, 0.0, "policy", "definitions")
     outcome = run_outcome(success)
     return make_row(TASKS["navigation"], outcome, key, "commit")
 
@@ -245,6 +262,12 @@ def test_rows_come_back_as_written_and_know_their_question(tmp_path):
     assert rows[0].key != rows[1].key
     assert rows[0].navigation_success == rows[0].multi_objective_success == 100.0
     assert rows[0].payload_distance is None
+    few = rows[0].key._replace(neighbours=3)
+    lossy = rows[0].key._replace(loss=0.2)
+    kept = [make_row(TASKS["navigation"], run_outcome(0.0), key, "commit") for key in (few, lossy)]
+    write_rows(path, [*rows, *kept])
+    assert [row.key for row in read_rows(path)] == [rows[0].key, rows[1].key, few, lossy]
+    assert len({row.key for row in read_rows(path)}) == 4
 
 
 @pytest.mark.parametrize("content", [b"{}", b"[{}]", b"no json"])
@@ -258,19 +281,21 @@ def test_a_foreign_file_is_not_overwritten(tmp_path, content):
 def test_finished_rows_are_not_asked_again(monkeypatch, tmp_path):
     row = some_row()
     monkeypatch.setattr(evaluation, "key", lambda _question, _policies: row.key)
-    question = Question("navigation", "CFPG", "terminal, eta 10", 0, 10)
+    question = Question("navigation", SOMEBODY, 0, 10)
     assert list(evaluation.answer_all([question], tmp_path, 1, [row])) == []
 
 
 def test_a_missing_seed_is_one_clear_line(tmp_path):
-    question = Question("navigation", "CFPG", "terminal, eta 10", 3, 10)
+    question = Question("navigation", SOMEBODY, 3, 10)
     with pytest.raises(ConfigError, match=r"no bundle of mafpo-chain on navigation with seed 3; make"):
         evaluation.key(question, tmp_path)
 
 
 def test_tuning_that_never_happened_is_named():
     with pytest.raises(ConfigError, match="CFPG was not tuned on navigation"):
-        chosen([Tried("navigation", "CFPG", "terminal, eta 10", 1.0, 1.0)], TASKS["navigation"], "CFPG")
+        chosen([Tried("navigation", "CFPG", MODE, 1.0, 1.0)], TASKS["navigation"], "CFPG")
+    marked = [Tried("navigation", "CFPG", MODE, 1.0, 1.0, chosen=True)]
+    assert chosen(marked, TASKS["navigation"], "CFPG").mode == MODE
 
 
 def test_statistics_over_seeds():
