@@ -12,6 +12,8 @@ from benchmarks.paper.contestants import (
     ours,
     preference_conditioned,
     shielded,
+    unguided_flow,
+    unguided_gaussian,
 )
 from benchmarks.paper.tasks import Task
 from edge_runtime.guide import GuidanceSettings, Mode
@@ -32,6 +34,9 @@ PROJECTIONS: dict[str, Mode] = {"CFPG (eqs. 14, 15)": "hierarchical", "CFPG (No 
 """The paper's method taken literally, and its ablation."""
 METHODS = ("CFPG", *PROJECTIONS, "MAPPO+PGD", "MAPPO+SHLD", "PC-MAPPO")
 """``CFPG`` is the runtime's default mode, with objectives that keep robots out of each other's way."""
+
+UNGUIDED = {"unguided flow": unguided_flow, "unguided MAPPO": unguided_gaussian}
+"""The policies alone, for their nominal metrics."""
 
 
 def candidates(task: Task, method: str) -> list[Contestant]:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper.candidates import METHODS, PROJECTIONS, scaled
-from benchmarks.paper.evaluation import Question, answer_all
+from benchmarks.paper import ablation
+from benchmarks.paper.candidates import METHODS, PROJECTIONS, UNGUIDED, scaled
+from benchmarks.paper.evaluation import Question, answer_all, key
 from benchmarks.paper.page import write_page
 from benchmarks.paper.policies import POLICIES, SEEDS
 from benchmarks.paper.rows import Row, read_rows, write_rows
@@ -31,6 +32,8 @@ examples:
 
 def main(arguments: Sequence[str]) -> int:
     """Returns 0; errors are the caller's to show."""
+    if ablation.FLAG in arguments:
+        return ablation.main(arguments)
     options = _parse(arguments)
     if options.tune:
         _tune(options)
@@ -50,7 +53,12 @@ def questions(tasks: Sequence[str], seeds: int, episodes: int, sweep_episodes: i
     """
     tuned = read_tuned()
     best = {(task, method): chosen(tuned, TASKS[task], method) for task in tasks for method in METHODS}
-    asked = [Question(task, who, seed, episodes) for seed in range(seeds) for (task, _), who in best.items()]
+    alone = {(task, method): make(TASKS[task]) for task in tasks for method, make in UNGUIDED.items()}
+    asked = [
+        Question(task, who, seed, episodes)
+        for seed in range(seeds)
+        for (task, _), who in (best | alone).items()
+    ]
     for task in tasks:
         for method in ("CFPG", *PROJECTIONS):
             others = scaled(TASKS[task], best[task, method])
@@ -61,6 +69,7 @@ def questions(tasks: Sequence[str], seeds: int, episodes: int, sweep_episodes: i
 
 
 def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
+    """Answer all questions; the file keeps what it held, such as rows of other settings or definitions."""
     rows = read_rows(path)
     seeds, episodes, sweep = (1, 20, 10) if options.quick else (SEEDS, options.episodes, SWEEP_EPISODES)
     asked = questions(options.tasks, seeds, episodes, sweep)
@@ -71,7 +80,8 @@ def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
             rows.append(row)
             write_rows(path, rows)
             progress.advance(bar)
-    return rows
+    wanted = {key(question, options.policies) for question in asked}
+    return [row for row in rows if row.key in wanted]
 
 
 def _tune(options: argparse.Namespace) -> None:
@@ -100,6 +110,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="a short form that leaves nothing behind")
     parser.add_argument("--tune", action="store_true", help="choose the methods' settings instead")
+    parser.add_argument(ablation.FLAG, action="store_true", help="change the default part by part instead")
     parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
     parser.add_argument("--episodes", type=int, default=1000, help="of each row of the tables (1000)")
     parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")

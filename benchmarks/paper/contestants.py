@@ -47,6 +47,17 @@ def ours(task: Task, settings: GuidanceSettings) -> Contestant:
     return cfpg(task, "CFPG", settings, (*task.objectives, *task.deconfliction))
 
 
+def unguided_flow(task: Task) -> Contestant:
+    """The flow policy alone, started from the paper's prior."""
+    return cfpg(task, "unguided flow", GuidanceSettings(mode="none", scale=0.0), ())
+
+
+def unguided_gaussian(_task: Task) -> Contestant:
+    """MAPPO's mean alone."""
+    make = partial(guided, GuidanceSettings(mode="none", scale=0.0, start_noise=0.0), ())
+    return Contestant("unguided MAPPO", "mean", "mappo", make)
+
+
 def descent(task: Task, settings: DescentSettings) -> Contestant:
     """MAPPO with projected gradient descent."""
     mode = f"radius {settings.radius:g}, rate {settings.rate:g}, {settings.steps} steps"

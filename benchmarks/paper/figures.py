@@ -49,9 +49,9 @@ def draw_steps(rows: Sequence[Row], path: Path) -> None:
             panel.plot(steps, success, "-o", color="#0072b2", ms=4, label="success")
             other = panel.twinx()
             other.plot(steps, hz, "--s", color="#d55e00", ms=4, label="frequency")
-            other.set(yscale="log", ylabel="control frequency on one core, Hz")
+            other.set(yscale="log", ylabel="control frequency on one core, Hz (dashed)")
         panel.set(title=task, xlabel="Euler steps T", ylim=(-3, 103))
-    axes[0].set_ylabel("multi-objective success, %")
+    axes[0].set_ylabel("multi-objective success, % (solid)")
     figure.savefig(path, dpi=120)
     plt.close(figure)
 

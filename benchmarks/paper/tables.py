@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from benchmarks.paper.candidates import METHODS
+from benchmarks.paper.candidates import METHODS, UNGUIDED
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tasks import TASKS, Metric
@@ -30,7 +30,7 @@ def metrics_table(rows: Sequence[Row], task: str) -> str:
     """One task of Table II."""
     metrics = TASKS[task].metrics
     lines = []
-    for method in METHODS:
+    for method in (*METHODS, *UNGUIDED):
         own = [row for row in rows if (row.task, row.method) == (task, method)]
         if own:
             lines.append([method, own[0].mode, *(_metric_cell(own, metric) for metric in metrics)])

@@ -59,4 +59,4 @@ def _draw(panel: Axes, task: Task, tracks: Floats) -> None:
         panel.scatter(*track[::10].T, color=colour, s=6, alpha=0.6)
         panel.scatter(*track[0], facecolors="none", edgecolors=colour, s=60)
         panel.scatter(*track[-1], color=colour, s=60, label=f"robot {robot}")
-    panel.legend(fontsize=7, loc="upper right")
+    panel.legend(fontsize=7, loc="best")
