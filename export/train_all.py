@@ -45,21 +45,25 @@ class Job:
         """Whether it lies there."""
         return (self.bundle / MANIFEST_FILE).exists()
 
+    @property
+    def predecessor(self) -> "Job | None":
+        """Whose policy it begins with."""
+        if self.algorithm != MafpoWarm.name:
+            return None
+        directory = self.directory.parents[1] / Mappo.name / self.directory.name
+        return Job(self.scenario, Mappo.name, self.seed, directory)
+
     def commands(self) -> Iterator[list[str]]:
         """What trains and exports it, from wherever it was left."""
-        directory = str(self.directory)
+        directory, before = str(self.directory), self.predecessor
+        frames = MafpoWarm.settings.frames if before else FRAMES[self.scenario]
         train = ["export.train", self.scenario, "--algorithm", self.algorithm, "--seed", str(self.seed)]
-        resume = ["--resume"] if (self.directory / CHECKPOINT).exists() else []
-        if self.algorithm == MafpoWarm.name:
-            frames = MafpoWarm.settings.frames
-            start = (
-                []
-                if resume
-                else ["--warm-start", str(self.directory.parents[1] / Mappo.name / self.directory.name)]
-            )
-        else:
-            frames, start = FRAMES[self.scenario], []
-        yield [*train, "--frames", str(frames), "--out", directory, *resume, *start]
+        train += ["--frames", str(frames), "--out", directory]
+        if (self.directory / CHECKPOINT).exists():
+            train.append("--resume")
+        elif before:
+            train += ["--warm-start", str(before.directory)]
+        yield train
         yield ["export.export_policy", directory, "--out", str(self.bundle)]
 
 
@@ -77,8 +81,10 @@ def run(job: Job) -> None:
     """Train and export one policy; its output goes to ``log.txt`` in its directory.
 
     Raises:
-        ConfigError: if a command fails.
+        ConfigError: if a command fails, or what the policy begins with is not finished.
     """
+    if job.predecessor and not job.predecessor.finished:
+        raise ConfigError(f"{job.directory}: begins with {job.predecessor.directory}, which is not finished")
     job.directory.mkdir(parents=True, exist_ok=True)
     with (job.directory / "log.txt").open("a") as log:
         for command in job.commands():
@@ -95,9 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{len(wanted) - len(open_jobs)} of {len(wanted)} policies are finished", flush=True)
     failures = 0
     # What begins with another's policy waits until all those are there.
-    waves = [
-        [job for job in open_jobs if (job.algorithm == MafpoWarm.name) == warm] for warm in (False, True)
-    ]
+    waves = [[job for job in open_jobs if bool(job.predecessor) == warm] for warm in (False, True)]
     with ThreadPoolExecutor(options.jobs) as pool:
         for wave in waves:
             for job, failure in zip(wave, pool.map(_attempt, wave), strict=True):
