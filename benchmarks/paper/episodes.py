@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 
 from benchmarks.paper.judges import Outcome, motion
+from benchmarks.paper.masses import set_masses
 from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.tasks import Task
 from edge_runtime.scene import Floats, TeamBatch
@@ -38,6 +39,8 @@ class Setting:
     """K, the nearest at every step; None for all."""
     loss: float = 0.0
     """Share of the messages lost."""
+    masses_kg: tuple[float, ...] | None = None
+    """Of Navigation's robots; None for the task's own."""
 
 
 def run_episodes(
@@ -74,6 +77,8 @@ def _run_chunk(
     watch: Callable[[Scenario], None],
 ) -> Outcome:
     world = make_scenario(task.name, count, seed, torch.device("cpu"), training=False)
+    if setting.masses_kg is not None:
+        set_masses(world, setting.masses_kg)
     robots, draw = world.facts.robots, np.random.default_rng(seed)
     neighbourhood = Neighbourhood(count, robots, setting.neighbours, setting.loss, draw)
     decide, judge = make_decide(count * robots), task.judge(count)

@@ -36,6 +36,8 @@ class Question:
     """K, the nearest at every step; None for all."""
     loss: float = 0.0
     """Share of the messages lost."""
+    masses_kg: tuple[float, ...] | None = None
+    """Of Navigation's robots; None for the task's own. The contestant's mode must tell them apart."""
 
 
 def key(question: Question, policies: Path) -> Key:
@@ -66,7 +68,9 @@ def answer(question: Question, policies: Path) -> Row:
     task, who, steps = TASKS[question.task], question.who, question.euler_steps
     bundle = load_policy(policies, question.task, who.algorithm, question.seed)
     make = who.make(bundle) if steps is None else who.make(bundle, euler_steps=steps)
-    setting = Setting(question.episodes, EVALUATION_SEED, question.neighbours, question.loss)
+    setting = Setting(
+        question.episodes, EVALUATION_SEED, question.neighbours, question.loss, question.masses_kg
+    )
     outcome = run_episodes(task, make, setting)
     hz = None if steps is None else control_frequency(task, bundle, steps)
     return make_row(task, outcome, key(question, policies), commit(), hz)

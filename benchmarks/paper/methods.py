@@ -16,6 +16,13 @@ Observations = npt.NDArray[np.float32]
 Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 """Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
 Preference = tuple[float, float, float]
+Shape = Callable[[Guide], Guide]
+"""Changes a guide in what its settings do not offer."""
+
+
+def as_it_is(guide: Guide) -> Guide:
+    """No change."""
+    return guide
 
 
 def guided(
@@ -23,9 +30,10 @@ def guided(
     objectives: tuple[Objective, ...],
     bundle: Bundle,
     euler_steps: int | None = None,
+    shape: Shape = as_it_is,
 ) -> MakeDecide:
     """A flow policy under guidance; a Gaussian one, whose flow starts at zero, gives its mean."""
-    guide = Guide(settings, objectives, bundle.manifest.dynamics)
+    guide = shape(Guide(settings, objectives, bundle.manifest.dynamics))
 
     def prepare(batch: int) -> Decide:
         policy = bundle.policy(batch, euler_steps)
