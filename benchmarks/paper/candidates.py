@@ -42,8 +42,8 @@ UNGUIDED = {"unguided flow": unguided_flow, "unguided MAPPO": unguided_gaussian}
 def candidates(task: Task, method: str) -> list[Contestant]:
     """One method on one task with each of its eight settings."""
     if method == "CFPG":
-        grid = product((0.3, 3.0), (0.5, 2.0), (0.5, 1.0))
-        return [ours(task, GuidanceSettings(scale=s, reach=r, start_noise=n)) for s, r, n in grid]
+        grid = product((0.5, 2.0), (0.5, 1.0), (None, 1))
+        return [ours(task, GuidanceSettings(scale=0.3, reach=r, start_noise=n), a) for r, n, a in grid]
     if method in PROJECTIONS:
         settings = [GuidanceSettings(mode=PROJECTIONS[method], scale=scale) for scale in SCALES]
         return [cfpg(task, method, setting) for setting in settings]
@@ -66,4 +66,4 @@ def scaled(task: Task, who: Contestant) -> list[Contestant]:
     settings = [msgspec.structs.replace(who.guidance, scale=scale) for scale in SCALES]
     if who.method in PROJECTIONS:
         return [cfpg(task, who.method, setting) for setting in settings]
-    return [ours(task, setting) for setting in settings]
+    return [ours(task, setting, who.look_ahead) for setting in settings]

@@ -86,7 +86,7 @@ def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
 
 def _tune(options: argparse.Namespace) -> None:
     tried = read_tuned()
-    pairs = [(task, method) for task in options.tasks for method in METHODS]
+    pairs = [(task, method) for task in options.tasks for method in options.methods]
     with Progress(disable=not sys.stderr.isatty()) as progress, ProcessPoolExecutor(options.jobs) as pool:
         bar = progress.add_task("methods tuned", total=len(pairs))
         jobs = [pool.submit(tune, task, method, options.policies) for task, method in pairs]
@@ -111,6 +111,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a short form that leaves nothing behind")
     parser.add_argument("--tune", action="store_true", help="choose the methods' settings instead")
     parser.add_argument(ablation.FLAG, action="store_true", help="change the default part by part instead")
+    parser.add_argument("--methods", nargs="*", choices=METHODS, default=METHODS, help="to tune (all)")
     parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
     parser.add_argument("--episodes", type=int, default=1000, help="of each row of the tables (1000)")
     parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")

@@ -1,8 +1,10 @@
 """Who takes part: the paper's five methods and our default, each with the settings that tuning chose."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+
+import msgspec
 
 from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend, shield
 from benchmarks.paper.episodes import MakeDecide
@@ -25,6 +27,8 @@ class Contestant:
     """From a bundle; of a guided flow also from a number of Euler steps."""
     guidance: GuidanceSettings | None = None
     """Of a guided flow."""
+    look_ahead: int | None = None
+    """Of all its objectives, in control steps; None for their own."""
 
 
 FLOWS = {"navigation": "mafpo-chain", "balance": "mafpo-warm", "sampling": "mafpo-chain"}
@@ -42,9 +46,17 @@ def cfpg(
     return Contestant(method, ", ".join(words), FLOWS[task.name], make, settings)
 
 
-def ours(task: Task, settings: GuidanceSettings) -> Contestant:
-    """The default mode, with objectives that keep robots out of each other's way."""
-    return cfpg(task, "CFPG", settings, (*task.objectives, *task.deconfliction))
+def ours(task: Task, settings: GuidanceSettings, look_ahead: int | None = None) -> Contestant:
+    """The default mode, with objectives that keep robots out of each other's way.
+
+    All objectives look ``look_ahead`` steps ahead; as far as they do by themselves where None.
+    """
+    objectives = (*task.objectives, *task.deconfliction)
+    if look_ahead is None:
+        return cfpg(task, "CFPG", settings, objectives)
+    nearer = tuple(msgspec.structs.replace(objective, look_ahead=look_ahead) for objective in objectives)
+    who = cfpg(task, "CFPG", settings, nearer)
+    return replace(who, mode=f"{who.mode}, look-ahead {look_ahead}", look_ahead=look_ahead)
 
 
 def unguided_flow(task: Task) -> Contestant:

@@ -19,7 +19,7 @@ from edge_runtime.scene import Floats, TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Scenario
 
-CHUNK = 100
+CHUNK = 500
 """Episodes that run side by side."""
 
 Decide = Callable[[npt.NDArray[np.float32], TeamBatch, np.random.Generator], Floats]
