@@ -21,7 +21,8 @@ settings.register_profile("fuzz", max_examples=1_000_000, deadline=None)
 
 if importlib.util.find_spec("torch") is None:
     # A robot's environment: leave out what tests the workstation's side.
-    workstation = re.compile(r"^(from|import) (export|torch|vmas|onnx|matplotlib|benchmarks\.paper)\b", re.MULTILINE)
+    modules = r"export|torch|vmas|onnx|matplotlib|benchmarks\.paper"
+    workstation = re.compile(rf"^(from|import) ({modules})\b", re.MULTILINE)
     here = Path(__file__).parent
     collect_ignore = [path.name for path in here.glob("test_*.py") if workstation.search(path.read_text())]
 
