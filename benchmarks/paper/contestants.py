@@ -32,7 +32,7 @@ class Contestant:
 
 
 FLOWS = {"navigation": "mafpo-chain", "balance": "mafpo-warm", "sampling": "mafpo-chain"}
-"""The flow policies that are guided, by task: on Balance those that follow guidance better, else the default."""
+"""The guided flow policies, by task: on Balance those that follow guidance better, else the default."""
 
 
 def cfpg(
