@@ -108,6 +108,28 @@ def test_a_tunnel_carries_datagrams_and_a_stream_both_ways():
         assert client.recv(99) == b""  # what one end closes is closed at the other
 
 
+def test_a_stream_whose_ends_close_at_once_takes_nothing_with_it():
+    relay_port, robot_port = free_ports(2)
+    with ExitStack() as stack:
+        listener = stack.enter_context(socket.create_server((HOST, robot_port)))
+        relay = Relay(RelaySpec((), (Tunnel(5, 2, relay_port, robot_port),), (), 1, False))
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        relay.pass_on()
+        server, _ = listener.accept()
+        server.close()
+        client.close()
+        relay.pass_on()  # hears of both ends together
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        relay.pass_on()
+        server, _ = listener.accept()
+        stack.enter_context(server)
+        client.sendall(b"still here")
+        relay.pass_on()
+        relay.pass_on()  # delivers what the first one held
+        server.settimeout(PATIENCE_S)
+        assert server.recv(99) == b"still here"
+
+
 def test_a_blackout_stops_datagrams_and_holds_a_stream_until_it_is_over():
     relay_port, robot_port = free_ports(2)
     with ExitStack() as stack:

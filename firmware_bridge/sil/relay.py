@@ -64,7 +64,7 @@ class Relay:
     def pass_on(self) -> None:
         """Wait for packets, or for the time of those under way, and pass them on."""
         for key, _ in self._selector.select(self.post.wait_s):
-            if key.fileobj in self._selector.get_map():  # else the one before has closed it
+            if self._selector.get_map().get(key.fd) == key:  # else one before it has closed it
                 key.data()
         self.post.flush()
 
