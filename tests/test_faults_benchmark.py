@@ -7,13 +7,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import bad_numbers, count_passed
 from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, replaced, table, timed
+from benchmarks.faults.rows import Row, measured, table, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from edge_runtime.errors import BridgeError
 from firmware_bridge import guard_core
@@ -57,7 +58,7 @@ def test_the_bus_alone_delivers_every_frame(firmware):
 def test_only_what_was_measured_again_is_replaced():
     old = [Row("a", "can", 1), Row("a", "mavlink", 1), Row("b", "can", 1)]
     newer = [Row("c", "can", 2), Row("a", "mavlink", 2)]
-    assert replaced(old, newer) == [old[0], newer[1], old[2], newer[0]]
+    assert replaced(old, newer, measured) == [old[0], newer[1], old[2], newer[0]]
 
 
 @FIRMWARES

@@ -1,10 +1,11 @@
 """``python -m benchmarks sil``: every row sees what it should, and notices where it is missing."""
 
+import msgspec
 import pytest
 from test_sil_verdict import report, robot
 
 from benchmarks.sil.cases import cases, soak
-from benchmarks.sil.rows import failed, line, row_of, size_of
+from benchmarks.sil.rows import Page, failed, keep, line, row_of, size_of
 from edge_runtime.fleet_wire import FRAME_BYTES
 from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.report import FaultDone, ProcessCost
@@ -94,3 +95,13 @@ def test_a_disturbed_row_says_so():
 def test_traffic_counts_headers_and_the_time_that_a_robot_drove():
     size = size_of(report(robot(0, sent_messages=300, driven_s=10.0), robot(1, sent_messages=100)), 1)
     assert size.sent_bytes_a_second == pytest.approx((30 + 100 / 30) / 2 * (FRAME_BYTES + 28))
+
+
+def test_what_was_not_measured_again_is_kept(tmp_path):
+    path = tmp_path / "results" / "sil.json"
+    first, second = (row_of(CASES[name], report(robot(0))) for name in ("rate, CAN", "logger killed"))
+    size = size_of(report(robot(0)), 1)
+    keep(path, Page(2, (first, second), (size,)))
+    again = row_of(CASES["logger killed"], report(robot(0), disturbed=("busy",)))
+    keep(path, Page(4, (again,), ()))
+    assert msgspec.json.decode(path.read_bytes(), type=Page) == Page(4, (first, again), (size,))

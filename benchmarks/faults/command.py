@@ -16,12 +16,13 @@ from pathlib import Path
 import msgspec
 from rich.progress import Progress
 
+from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, draw, read_rows, render, replaced, table, timed
+from benchmarks.faults.rows import Row, draw, measured, read_rows, render, table, timed
 from benchmarks.faults.trials import FAULTS, Fault, run_trial, undisturbed
 from benchmarks.page import add_html_flag, check_writable, write_html
 
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     print(table(rows))
     print(f"{sum(row.repeated for row in rows)} trials were run again: a busy machine ended them too early")
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    rows = replaced(read_rows(options.json), rows)
+    rows = replaced(read_rows(options.json), rows, measured)
     options.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
     if options.html:
         write_html(options.html, render(rows), drawings={"stops.svg": draw(rows)})

@@ -39,11 +39,9 @@ def read_rows(file: Path) -> list[Row]:
     return msgspec.json.decode(file.read_bytes(), type=list[Row]) if file.exists() else []
 
 
-def replaced(rows: Sequence[Row], newer: Sequence[Row]) -> list[Row]:
-    """Return rows with those in their places that were measured again, and the others at the end."""
-    again = {(row.fault, row.bridge): row for row in newer}
-    kept = [again.pop((row.fault, row.bridge), row) for row in rows]
-    return [*kept, *again.values()]
+def measured(row: Row) -> tuple[str, str]:
+    """What a row says something about: a newer one takes its place."""
+    return row.fault, row.bridge
 
 
 def table(rows: Sequence[Row]) -> str:

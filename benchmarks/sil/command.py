@@ -2,7 +2,8 @@
 
 Each row is a run of edge-sil: real edge-run processes with their guards and loggers, firmware and plant on
 the wire. ``--short`` is what CI runs, ``--soak`` adds ten minutes of eight robots, ``--scale`` measures teams
-of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing.
+of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing. Rows of the file that are
+not measured again stay as they are.
 """
 
 import argparse
@@ -11,10 +12,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
-
 from benchmarks.sil.cases import Case, cases, soak
-from benchmarks.sil.rows import HEAD, Row, Size, failed, line, row_of, size_of, sizes_table
+from benchmarks.sil.rows import HEAD, Page, Row, Size, failed, keep, line, row_of, size_of, sizes_table
 from benchmarks.sil.run import run_case
 from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.team_file import NEAREST
@@ -22,14 +21,6 @@ from firmware_bridge.sil.team_file import NEAREST
 RESULTS = Path(__file__).parents[1] / "results"
 SIZES = ((4, 20.0), (8, 20.0), (16, 20.0), (32, 10.0))
 """(robots, rate): what two cores carry with firmware and plant beside the robots."""
-
-
-class Page(msgspec.Struct, frozen=True):
-    """Everything that was measured."""
-
-    cores: int
-    rows: tuple[Row, ...]
-    sizes: tuple[Size, ...]
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -54,9 +45,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{robots} robots: {error}", file=sys.stderr)
     if sizes:
         print(sizes_table(sizes))
-    page = Page(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes))
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_bytes(msgspec.json.format(msgspec.json.encode(page), indent=1) + b"\n")
+    keep(options.json, Page(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes)))
     return int(any(row.missing and not row.disturbed for row in rows))
 
 

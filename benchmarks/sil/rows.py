@@ -1,9 +1,12 @@
 """What the benchmark writes: a row a case, and a row a size of team."""
 
 from collections.abc import Sequence
+from operator import attrgetter
+from pathlib import Path
 
 import msgspec
 
+from benchmarks.again import replaced
 from benchmarks.sil.cases import Case
 from edge_runtime.fleet_wire import FRAME_BYTES
 from firmware_bridge.sil.report import SilReport
@@ -44,6 +47,24 @@ class Size(msgspec.Struct, frozen=True):
     sent_bytes_a_second: float
     """Per robot, with the headers of IP and UDP."""
     disturbed: tuple[str, ...]
+
+
+class Page(msgspec.Struct, frozen=True):
+    """Everything that was measured."""
+
+    cores: int
+    rows: tuple[Row, ...]
+    sizes: tuple[Size, ...]
+
+
+def keep(path: Path, page: Page) -> None:
+    """Write a page; rows and sizes of the file that were not measured again stay as they are."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    old = msgspec.json.decode(path.read_bytes(), type=Page) if path.exists() else Page(page.cores, (), ())
+    rows = replaced(old.rows, page.rows, attrgetter("name"))
+    sizes = replaced(old.sizes, page.sizes, attrgetter("robots", "rate_hz"))
+    page = Page(page.cores, tuple(rows), tuple(sizes))
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(page), indent=1) + b"\n")
 
 
 def row_of(case: Case, report: SilReport) -> Row:
