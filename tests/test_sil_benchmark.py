@@ -99,9 +99,9 @@ def test_traffic_counts_headers_and_the_time_that_a_robot_drove():
 
 def test_what_was_not_measured_again_is_kept(tmp_path):
     path = tmp_path / "results" / "sil.json"
-    first, second = (row_of(CASES[name], report(robot(0))) for name in ("rate, CAN", "logger killed"))
+    first, second = (row_of(CASES[name], report(robot(0))) for name in ("rate, CAN", "rate, MAVLink"))
     size = size_of(report(robot(0)), 1)
     keep(path, Page(2, (first, second), (size,)))
-    again = row_of(CASES["logger killed"], report(robot(0), disturbed=("busy",)))
+    again = row_of(CASES["rate, MAVLink"], report(robot(0), disturbed=("busy",)))
     keep(path, Page(4, (again,), ()))
     assert msgspec.json.decode(path.read_bytes(), type=Page) == Page(4, (first, again), (size,))
