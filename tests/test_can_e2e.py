@@ -62,6 +62,10 @@ def test_every_flipped_bit_is_noticed(data, bit, mode):
     assert counter_of(bytes(protected), protection) is None
 
 
+def test_every_16_bits_are_a_data_id():
+    assert [Protection("e2e_p01", data_id).data_id for data_id in (0, 0xFFFF)] == [0, 0xFFFF]
+
+
 def test_short_frames_are_refused():
     assert counter_of(b"\0", Protection("e2e_p01")) is None
 

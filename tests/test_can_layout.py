@@ -116,3 +116,14 @@ def test_the_dbcs_bounds_are_kept():
     )
     assert Layout(one).ranges == {"A": (0.0, 200.0), "B": (-5.0, 20.0)}
     assert Layout(one).encode({"A": 255.0, "B": -100.0})[:2] == bytes([200, 0x100 - 5])
+
+
+@pytest.mark.parametrize("little", [False, True], ids=["big", "little"])
+def test_a_wide_signal_that_rounding_takes_past_its_end_does_not_wrap(little):
+    """-2**63 scaled and scaled back is 2048 less: masked, it would be a large positive number."""
+    start = 0 if little else 7
+    layout = Layout(message(signal("A", start, 64, little, signed=True, scale=0.01, offset=-40)))
+    least, most = (layout.encode({"A": value}) for value in (-1e30, 1e30))
+    order = "little" if little else "big"
+    assert int.from_bytes(least, order, signed=True) == -(2**63)
+    assert int.from_bytes(most, order, signed=True) > 2**62

@@ -149,6 +149,13 @@ def test_stop_without_a_guard_is_an_error(bridge, guard):
         bridge.stop("ordered")
 
 
+def test_a_guard_that_ends_within_its_stop_sequence_is_quoted(bridge, guard):
+    guard.tell(Event(Phase.STOPPING, "the cause"))
+    guard.socket.close()
+    with pytest.raises(BridgeError, match=r"^the guard ended: the cause$"):
+        bridge.stop("ordered")
+
+
 def test_a_guard_that_dies_with_commands_unread_resets_the_connection(bridge, guard):
     bridge.write(COMMAND)
     guard.socket.close()
@@ -165,8 +172,25 @@ def test_a_guard_that_cannot_start_is_told(guard):
 
 def test_a_guard_that_dies_at_once_is_told(guard):
     guard.opening = []
-    with pytest.raises(BridgeError, match=r"the guard ended"), GuardedBridge(spec()):
+    with (
+        pytest.raises(BridgeError, match=r"^the guard ended: its own output says why$"),
+        GuardedBridge(spec()),
+    ):
         pass
+
+
+def test_a_guard_that_does_not_open_is_told(guard, monkeypatch):
+    monkeypatch.setattr(bridge_module, "OPENING_S", 0.05)
+    guard.opening = [Report(Phase.WATCHING, Counts(), None)]
+    told = r"^the guard did not open its link within 0\.05 s$"
+    with pytest.raises(BridgeError, match=told), GuardedBridge(spec()):
+        pass
+
+
+def test_a_guard_has_all_of_its_time_to_open(guard, monkeypatch):  # noqa: ARG001
+    monkeypatch.setattr(bridge_module, "OPENING_S", 0.9)
+    with GuardedBridge(spec()) as opened:
+        assert opened.phase is Phase.WATCHING
 
 
 def test_a_guard_that_does_not_end_is_told(guard, monkeypatch):
@@ -182,6 +206,8 @@ def test_a_guard_that_does_not_end_is_told(guard, monkeypatch):
 
 def test_a_bridge_that_was_never_opened():
     bridge = GuardedBridge(spec())
+    assert bridge.max_speed_m_s == spec().limits.speed_m_s
+    assert (bridge.phase, bridge.counts) == (Phase.WATCHING, Counts())
     with pytest.raises(BridgeError, match="with statement"):
         _ = bridge.guard_pid
     bridge.__exit__(None, None, None)
