@@ -68,6 +68,10 @@ class OperatorLink:
         asked = self._number
         return self._until(Ask, lambda standing: standing.number > asked)
 
+    def await_driving(self) -> list[int]:
+        """Wait until no robot's command is zero for a reason of its own; return who still stands."""
+        return self._until(Ask, lambda standing: not standing.stop_reason)
+
     def propose(self, version: int, file: str, content: bytes) -> list[int]:
         """Have all check objectives, until one refuses or all have answered; return who has not accepted."""
         order = partial(Propose, version=version, file=file, content=content)

@@ -3,11 +3,12 @@
 One process for all firmware nodes, because two cores hold them so with less disturbance than N more processes
 would make; each has its own bus or port, its own state and its own timeout. Everything is paced on one grid
 of absolute deadlines. No firmware tells its pose before a line comes on the standard input: all robots then
-begin to drive together. Prints the moment from which the run counts, once all do; on SIGTERM it writes its
-record beside SPEC.
+begin to drive together. A second line says that all do: it prints the moment from which the run counts, once
+all firmware hears them. On SIGTERM it writes its record beside SPEC.
 """
 
 import gc
+import os
 import select
 import sys
 import time
@@ -84,12 +85,13 @@ class Field:
         self._nodes = [make_node(spec.bridge, station, pace) for station in spec.stations]
         self._spec, self._poll = spec, select.poll()
         self._late_s = Samples(1.0 / STEP_S, spec.duration_s)
+        self._lines = 0
         self.t0_s = float("inf")
 
     def run(self, signals: StopSignals) -> None:
         """Serve until a signal."""
         by_descriptor = {node.fileno(): node.receive for node in self._nodes}
-        by_descriptor[sys.stdin.fileno()] = self._release
+        by_descriptor[sys.stdin.fileno()] = self._hear
         for descriptor in by_descriptor:
             self._poll.register(descriptor, select.POLLIN)
         origin_s, step = time.monotonic(), 0
@@ -114,11 +116,14 @@ class Field:
         for node in self._nodes:
             node.close()
 
-    def _release(self) -> None:
-        """Let the robots know where they are."""
-        self._poll.unregister(sys.stdin.fileno())
+    def _hear(self) -> None:
+        """Take the harness's lines; with the first, let the robots know where they are."""
+        words = os.read(sys.stdin.fileno(), 64)
+        self._lines += words.count(b"\n")
+        if not words:
+            self._poll.unregister(sys.stdin.fileno())
         for node in self._nodes:
-            node.located = True
+            node.located = self._lines >= 1
 
     def _advance(self, now_s: float, *, reports: bool) -> None:
         self._world.step([node.motion(now_s) for node in self._nodes])
@@ -128,7 +133,8 @@ class Field:
             self._mind_faults(now_s - self.t0_s)
             for index, node in enumerate(self._nodes):
                 node.report(self._world.pose(index))
-        if self.t0_s == float("inf") and all(node.setpoints >= SETPOINTS for node in self._nodes):
+        is_driving = self._lines >= 2 and all(node.setpoints >= SETPOINTS for node in self._nodes)
+        if is_driving and self.t0_s == float("inf"):
             self.t0_s = now_s + SETTLING_S
             print(msgspec.json.encode(FieldStart(self.t0_s)).decode(), flush=True)
 

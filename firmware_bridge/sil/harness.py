@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.errors import BridgeError
+from edge_runtime.operator_link import OperatorLink
 from edge_runtime.report import RunReport
 from edge_runtime.signals import StopSignals
 from firmware_bridge.sil.faults import CpuHog, Hostile
@@ -73,8 +74,11 @@ class Harness:
         field, helpers = self._start_field(), self._start_helpers()
         self._start_robots()
         end_s = time.monotonic() + STARTING_S + STARTING_A_ROBOT_S * len(self._scenario.stations)
-        self._await_robots(end_s)
-        field.tell("go")
+        with open_operator(self._scenario) as operator:
+            self._await_robots(operator, end_s)
+            field.tell("go")
+            self._await_driving(operator, end_s)
+        field.tell("all drive")
         start = self._await_start(field, end_s)
         for helper in helpers:
             helper.tell(msgspec.json.encode(start).decode())
@@ -143,11 +147,17 @@ class Harness:
     def _probe_file(self) -> Path:
         return self._scenario.folder / "probe.record"
 
-    def _await_robots(self, end_s: float) -> None:
+    def _await_robots(self, operator: OperatorLink, end_s: float) -> None:
         """Wait until every robot's loop ticks: no guard's deadline may run while a sibling still starts."""
-        with open_operator(self._scenario) as operator:
-            while silent := operator.ask():
-                self._look_before(end_s, f"robots {', '.join(map(str, silent))} did not answer in time")
+        while silent := operator.ask():
+            self._look_before(end_s, f"robots {', '.join(map(str, silent))} did not answer in time")
+
+    def _await_driving(self, operator: OperatorLink, end_s: float) -> None:
+        """Wait until no robot waits for a state or a teammate: some carriers take seconds to connect."""
+        while waiting := operator.await_driving():
+            reasons = {robot_id: operator.standings[robot_id].stop_reason for robot_id in waiting}
+            words = "; ".join(f"robot {robot_id}: {reason}" for robot_id, reason in reasons.items())
+            self._look_before(end_s, f"not all robots drove in time ({words})")
 
     def _await_start(self, field: Child, end_s: float) -> FieldStart:
         assert field.popen.stdout is not None  # noqa: S101 - for the type checker
