@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from edge_runtime.agreement import TOLERANCE, largest_difference
 from edge_runtime.backend import Backend
 from edge_runtime.bundle import Bundle
 from edge_runtime.checkup import Finding, examine, fail, ok, warn
@@ -15,8 +16,6 @@ from edge_runtime.kernel import CompiledPolicy
 from edge_runtime.mission import Mission
 
 SAMPLES: Final = 64
-TOLERANCE: Final = 1e-5
-"""Largest difference, absolute below and relative above a magnitude of one; as at export."""
 
 
 def examine_policy(mission: Mission) -> Iterator[Finding]:
@@ -60,7 +59,7 @@ def _difference(loaded: Bundle) -> float:
     observation = random.standard_normal((SAMPLES, manifest.observation_dim)).astype(np.float32)
     expected = loaded.graph_policy(SAMPLES).evaluate(action, tau, observation)
     found = loaded.policy(SAMPLES).evaluate(action, tau, observation)
-    return float(np.max(np.abs(found - expected) / np.maximum(1.0, np.abs(expected))))
+    return largest_difference(found, expected)
 
 
 def backend(loaded: Bundle, wanted: Backend) -> Finding:

@@ -10,13 +10,12 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
+from edge_runtime.agreement import TOLERANCE, largest_difference
 from edge_runtime.errors import BundleError
 from export.facts import Facts
 
 Floats = npt.NDArray[np.float64]
 
-TOLERANCE = 1e-5
-"""Largest difference, absolute below and relative above a magnitude of one."""
 SAMPLES = 1000
 
 
@@ -91,13 +90,13 @@ def require_parity(results: Mapping[str, npt.NDArray[np.floating]]) -> float:
     largest = 0.0
     for (first, a), (second, b) in combinations(results.items(), 2):
         for what, rows in (("velocity", slice(0, 1)), ("jacobian", slice(1, None))):
-            difference = np.max(np.abs(a[rows] - b[rows]) / np.maximum(1.0, np.abs(a[rows])))
+            difference = largest_difference(b[rows], a[rows])
             if not difference <= TOLERANCE:  # written so that NaN is refused
                 raise BundleError(
                     f"{what} of {first} and {second} differ by {difference:.2g}, more than {TOLERANCE:g}: "
                     "no bundle is written"
                 )
-            largest = max(largest, float(difference))
+            largest = max(largest, difference)
     return largest
 
 

@@ -7,6 +7,7 @@ import pytest
 from bundle_files import MANIFEST
 from conftest import random_weights
 
+from edge_runtime.agreement import TOLERANCE
 from edge_runtime.bundle import load_bundle
 from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.policy import FlowPolicy
@@ -15,7 +16,7 @@ from export.bundle_writer import write_bundle
 from export.facts import Facts
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
-from export.parity import TOLERANCE, random_inputs, require_parity
+from export.parity import random_inputs, require_parity
 
 FACTS = Facts(MANIFEST.observation, MANIFEST.action, 10.0, 10, MANIFEST.dynamics, MANIFEST.body)
 WEIGHTS = random_weights(hidden=(16, 16))
@@ -71,6 +72,20 @@ def test_jacobian_alone_is_compared_too(tmp_path):
     wrong[2, 17, 0] += 1e-4
     with pytest.raises(BundleError, match="jacobian of the source and"):
         write(tmp_path / "mine", expected=wrong)
+
+
+def test_rounding_is_held_against_the_size_of_what_a_component_computes():
+    large = np.full((3, 4, 2), 50.0)
+    large[0, 0] = 0.0
+    rounded = large.copy()
+    rounded[0, 0, 1] = 5e-5
+    assert require_parity({"a": large, "b": rounded}) < 2e-6
+    rounded[0, 0, 1] = 1e-3
+    with pytest.raises(BundleError, match="velocity of a and b differ by"):
+        require_parity({"a": large, "b": rounded})
+    small = large / 1e3
+    with pytest.raises(BundleError, match="velocity of a and b differ by"):
+        require_parity({"a": small, "b": small + 2e-5})
 
 
 def test_nan_never_passes():
