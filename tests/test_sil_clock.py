@@ -19,6 +19,8 @@ from benchmarks.sil.clock import own_clock
 
 HERE = Path(__file__).parent
 HOUR_S = 3600
+SETTLED_S = 4.0
+"""In the guest, two seconds after its jump: whoever took it for age has stopped."""
 
 JUMPS = 10
 needs_compiler = pytest.mark.skipif(
@@ -131,4 +133,6 @@ def test_a_jump_of_the_wall_clock_leaves_the_team_alone(tmp_path):
         assert robot["runtime_misses"] < 100
         assert robot["fleet_used_age_ms"]["max"] < 60e3
         assert robot["pose_to_command_age_ms"]["max"] < 60e3
-        assert all(end - begin < 3.0 for begin, end in robot["halts_s"])
+        # A starved guest stands now and then; one that took the jump for age stands for good.
+        rested_s = sum(max(end - max(begin, SETTLED_S), 0.0) for begin, end in robot["halts_s"])
+        assert rested_s < report["duration_s"] - SETTLED_S - 0.2

@@ -77,8 +77,8 @@ def draw(points: Sequence[Point], path: Path) -> None:
                 )
                 panel.fill_between(frames / 1e6, low, high, color=colour, alpha=0.2, lw=0)
         panel.set(title=task, xlabel="million control steps of the team", ylim=(0, 1))
-        panel.legend(fontsize=8, loc="lower right")
     axes[0].set_ylabel("validation score")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS))
     figure.savefig(path, dpi=120)
     plt.close(figure)
 
