@@ -5,7 +5,7 @@ import pytest
 from test_sil_verdict import report, robot
 
 from benchmarks.sil.cases import cases, soak
-from benchmarks.sil.rows import Page, failed, keep, line, row_of, size_of
+from benchmarks.sil.rows import ATTEMPTS, Page, failed, keep, line, row_of, settled_row, size_of
 from edge_runtime.fleet_wire import FRAME_BYTES
 from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.report import FaultDone, ProcessCost
@@ -90,6 +90,44 @@ def test_a_disturbed_row_says_so():
     assert line(row_of(case, report(robot(0)))).endswith("| yes |")
     assert line(row_of(case, report(robot(0), disturbed=("busy",)))).endswith("| yes, machine disturbed |")
     assert "not seen: no plant" in line(failed(case, "no plant"))
+
+
+@pytest.mark.parametrize(
+    "name, late",
+    [
+        ("rate, CAN", {"longest_burst": 3}),
+        ("pose to command, CAN", {"pose_to_command_age_ms": OLD}),
+        ("20 % packet loss", {"fleet_message_age_ms": OLD}),
+        ("clock jump of an hour", {"lacking_commands": 1, "counted_misses": 1, "deadline_misses": 1}),
+    ],
+)
+def test_a_run_that_only_came_late_is_repeated_and_said_so(name, late):
+    quiet = report(robot(0, lacking_commands=0, counted_misses=0))
+    runs = iter([report(robot(0, **late)), quiet])
+    row = settled_row(CASES[name], lambda: next(runs))
+    assert (row.missing, row.late_before) == ((), 1)
+    assert line(row).endswith("| yes, after 1 that only came late |")
+    runs = iter([report(robot(0, **late))] * ATTEMPTS)
+    row = settled_row(CASES[name], lambda: next(runs))
+    assert row.missing and row.late_before == ATTEMPTS - 1
+    assert next(runs, None) is None
+
+
+@pytest.mark.parametrize(
+    "name, bad",
+    [
+        ("20 % packet loss", {"fleet_message_age_ms": OLD, "collisions": 2}),
+        ("rate, CAN, ordinary scheduling", {"lacking_commands": 9, "counted_misses": 8}),
+        ("neighbour killed", {"fleet_used_age_ms": OLD}),
+        ("hostile frames", {"longest_burst": 3, "refused_messages": {}}),
+        ("log disk full", {"longest_burst": 3}),
+        ("pose to command, CAN", {"pose_to_command_age_ms": None}),
+    ],
+)
+def test_what_is_no_matter_of_time_is_never_tried_twice(name, bad):
+    runs = iter([report(robot(0, **bad), faults=(FULL,))])
+    row = settled_row(CASES[name], lambda: next(runs))
+    assert row.missing and row.late_before == 0
 
 
 def test_traffic_counts_headers_and_the_time_that_a_robot_drove():

@@ -3,10 +3,17 @@
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.report import RobotQuality, SilReport
 
 Judge = Callable[[SilReport], Iterator[str]]
 """Yields what was not seen; nothing if all was."""
+
+
+class Late(str):
+    """What was not seen, if a machine that others share can bring it about alone, by computing late."""
+
+    __slots__ = ()
 
 
 class Case(NamedTuple):
@@ -149,7 +156,9 @@ def _driving(report: SilReport) -> list[RobotQuality]:
 def _rate(report: SilReport) -> Iterator[str]:
     for robot in _driving(report):
         if robot.achieved_rate_share < 0.995 or robot.longest_burst > 2:
-            yield f"robot {robot.robot_id}: {robot.achieved_rate_share:.2%}, burst {robot.longest_burst}"
+            yield Late(
+                f"robot {robot.robot_id}: {robot.achieved_rate_share:.2%}, burst {robot.longest_burst}"
+            )
 
 
 def _show_rate(report: SilReport) -> str:
@@ -178,11 +187,15 @@ def _show_counted(report: SilReport) -> str:
 
 
 def _pose_age(report: SilReport) -> Iterator[str]:
-    period_ms = 1e3 / report.rate_hz
     for robot in _driving(report):
-        age = robot.pose_to_command_age_ms
-        if age is None or age.p99 > period_ms:
-            yield f"robot {robot.robot_id}: {'no age' if age is None else f'{age.p99:.1f} ms'}"
+        yield from _aged(robot, robot.pose_to_command_age_ms, 1e3 / report.rate_hz)
+
+
+def _aged(robot: RobotQuality, age_ms: Percentiles | None, most_ms: float) -> Iterator[str]:
+    if age_ms is None:
+        yield f"robot {robot.robot_id}: no age"
+    elif age_ms.p99 > most_ms:
+        yield Late(f"robot {robot.robot_id}: {age_ms.p99:.1f} ms")
 
 
 def _show_pose_age(report: SilReport) -> str:
@@ -198,9 +211,7 @@ def _no_collision(report: SilReport) -> Iterator[str]:
 def _loss(report: SilReport) -> Iterator[str]:
     yield from _no_collision(report)
     for robot in _driving(report):
-        age = robot.fleet_message_age_ms
-        if age is None or age.p99 > 2e3 / report.rate_hz:
-            yield f"robot {robot.robot_id}: {'no age' if age is None else f'{age.p99:.1f} ms'}"
+        yield from _aged(robot, robot.fleet_message_age_ms, 2e3 / report.rate_hz)
 
 
 def _show_loss(report: SilReport) -> str:
@@ -309,7 +320,7 @@ def _jumped(report: SilReport) -> Iterator[str]:
     yield from report.ended
     for robot in _driving(report):
         if robot.deadline_misses:
-            yield f"robot {robot.robot_id} missed {robot.deadline_misses} ticks"
+            yield Late(f"robot {robot.robot_id} missed {robot.deadline_misses} ticks")
         if robot.lacking_commands is None or robot.lacking_commands != robot.counted_misses:
             yield f"robot {robot.robot_id} did not count its misses"
 

@@ -2,18 +2,20 @@
 
 Each row is a run of edge-sil: real edge-run processes with their guards and loggers, firmware and plant on
 the wire. ``--short`` is what CI runs, ``--soak`` adds ten minutes of eight robots, ``--scale`` measures teams
-of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing. Rows of the file that are
-not measured again stay as they are.
+of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing. A run that only came late
+is repeated, twice at most, and its row says that too. Rows of the file that are not measured again stay as
+they are.
 """
 
 import argparse
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from benchmarks.sil.cases import Case, cases, soak
-from benchmarks.sil.rows import HEAD, Page, Row, Size, failed, keep, line, row_of, size_of, sizes_table
+from benchmarks.sil.rows import HEAD, Page, Row, Size, failed, keep, line, settled_row, size_of, sizes_table
 from benchmarks.sil.run import run_case
 from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.team_file import NEAREST
@@ -64,7 +66,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _row(case: Case, *, short: bool, realtime: bool) -> Row:
     try:
-        return row_of(case, run_case(case, short=short, realtime=realtime))
+        return settled_row(case, partial(run_case, case, short=short, realtime=realtime))
     except EdgeError as error:
         return failed(case, str(error))
 
