@@ -29,6 +29,9 @@ class TrainingSettings:
     """Share of the learning rates that a linear decay leaves at the end."""
     ratio_change: float | None = None
     """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
+    moving_moments: bool = True
+    """Whether what normalises observations goes on following them. A policy that changes little cannot
+    follow it: where one begins well trained, it stays."""
     gradient_limit: float = 1.0
     validation_every: int = 10
     """Updates between two validations; a checkpoint follows every update."""

@@ -7,7 +7,7 @@ optimal transport path has the velocity
     v(a, tau | o) = k(tau) a + (1 - tau k(tau)) mu(o),
 
 k being the prior field's gain of `export.networks` with s its deviation. The flow is regressed on it where
-the Gaussian policy drives, and goes on learning by itself as `mafpo-chain` does.
+the Gaussian policy drives, and goes on learning by itself as `mafpo-chain` does, with that policy's critic.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ DEVIATION = 0.2
 """s, about what a Gaussian policy explores with in the end. With 0.1 the flow by itself is no better, and
 follows guidance less."""
 STEP_NOISE = 0.06
-MATCHING_STEPS = 3000
+MATCHING_STEPS = 10_000
 BATCH = 4096
 LEARNING_RATE = 3e-3
 
@@ -32,7 +32,9 @@ class MafpoWarm(MafpoChain):
     """`mafpo-chain`, gently, from a flow that matches a trained Gaussian policy."""
 
     name = "mafpo-warm"
-    settings = TrainingSettings(frames=400_000, learning_rate=3e-4, ratio_change=0.08)
+    settings = TrainingSettings(
+        frames=400_000, learning_rate=3e-4, ratio_change=0.08, validation_every=4, moving_moments=False
+    )
 
     def __init__(self, observation_dim: int, action_dim: int) -> None:
         self.flow = ChainSettings(step_noise=STEP_NOISE, clip=0.2)

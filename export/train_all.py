@@ -1,4 +1,4 @@
-"""Train and export every policy of the paper's tables: each algorithm on each task with five seeds.
+"""Train and export every policy of the paper's tables: each algorithm on each task with ten seeds.
 
     python -m export.train_all --out runs --jobs 2
 
@@ -23,7 +23,7 @@ from export.plan import ALGORITHMS
 
 FRAMES = {"navigation": 700_000, "balance": 2_000_000, "sampling": 900_000}
 """Control steps after which training has settled, by task."""
-SEEDS = 5
+SEEDS = 10
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,8 @@ class Trainer:
         """Collect once and learn from it; returns what ended meanwhile and how the update went."""
         rollout = self.collector.collect(self.algorithm, self.settings.steps, self._value)
         metrics = self.update(self.prepare(rollout))
-        self.algorithm.actor.moments.update(rollout.observation, self.workers)
+        if self.settings.moving_moments:
+            self.algorithm.actor.moments.update(rollout.observation, self.workers)
         self.frames += self.settings.environments * self.settings.steps
         return self.collector.tally.take(self.workers), metrics
 
@@ -146,6 +147,14 @@ class Trainer:
         self.algorithm.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
         self._optimizer.load_state_dict(state["optimizer"])
+        self._reward_moments.load_state_dict(state["reward_moments"])
+
+    def adopt_critic(self, state: dict[str, Any]) -> None:
+        """Begin with the critic of another run's ``state_dict``, and with its scale of rewards.
+
+        A policy that is good already would be spoilt by the advantages of a critic that knows nothing.
+        """
+        self.critic.load_state_dict(state["critic"])
         self._reward_moments.load_state_dict(state["reward_moments"])
 
     def worker_state_dict(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithm import TrainingSettings
-from export.checkpoint import CHECKPOINT, PolicyFacts, save, save_policy
+from export.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
 from export.distributed import Workers
 from export.metrics import MetricsRow, draw_curve, write_table
 from export.plan import Request, make_algorithm, make_plan
@@ -47,6 +47,8 @@ class TrainingRun:
             if request.warm_start:
                 warm_start(algorithm.actor.as_flow(), request.scenario, request.warm_start, request.seed)
             self.trainer = Trainer(scenario, algorithm, plan.settings, generator, workers)
+            if request.warm_start:
+                self.trainer.adopt_critic(load(request.warm_start / CHECKPOINT)["trainer"])
         self._validation = Validation(
             request.scenario, plan.settings.validation_episodes, workers, preferred=request.preferred
         )

@@ -85,6 +85,18 @@ def test_a_new_run_begins_with_the_matched_flow_and_keeps_it_as_its_best(runs, t
     assert (facts.algorithm, facts.frames, facts.score) == (MafpoWarm.name, 0, run.best_score)
     (gaussian, _), moments = load_policy(runs / "mappo"), flow.moments.state_dict()
     assert same(moments, gaussian.moments.state_dict())
+    assert same(run.trainer.critic.state_dict(), load(runs / "mappo" / "checkpoint.pt")["trainer"]["critic"])
+
+
+@pytest.mark.usefixtures("brief")
+def test_what_normalises_observations_stays_as_the_gaussian_policy_had_it(runs, tmp_path):
+    settings = replace(BRIEF, moving_moments=MafpoWarm.settings.moving_moments)
+    trainer = TrainingRun(warm(runs, tmp_path), Workers(), settings).trainer
+    flow = trainer.algorithm.actor.as_flow()
+    before = {name: value.clone() for name, value in flow.state_dict().items()}
+    trainer.iterate()
+    assert not same(flow.state_dict(), before)
+    assert same(flow.moments.state_dict(), load_policy(runs / "mappo")[0].moments.state_dict())
 
 
 @pytest.mark.usefixtures("brief")

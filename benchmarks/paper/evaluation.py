@@ -17,8 +17,8 @@ from benchmarks.paper.rows import Key, Row, make_row
 from benchmarks.paper.tasks import TASKS
 from export.scenarios import definitions
 
-EVALUATION_SEED = 1
-"""Of starts, goals and noise; tuning uses others."""
+EVALUATION_SEED = 2
+"""Of starts, goals and noise that nothing was chosen by; tuning uses others."""
 
 
 @dataclass(frozen=True)

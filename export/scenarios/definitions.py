@@ -1,7 +1,8 @@
 """What the paper leaves open about its three tasks, in one place: objectives, time limits, thresholds.
 
-The same for every method, and frozen: ``python -m benchmarks.paper.calibration`` chose the numbers on the
-baselines alone, as ``benchmarks/results/paper/definitions.md`` tells; no flow policy had a say in them.
+The same for every method, and frozen: ``python -m benchmarks.paper.calibration`` chose the numbers by the
+baselines' figures. ``benchmarks/results/paper/definitions.md`` tells how, and where flow policies had been
+seen before.
 """
 
 from dataclasses import dataclass
