@@ -99,7 +99,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks paper {FLAG}", description=__doc__)
     parser.add_argument(FLAG, action="store_true", help="what chose this form")
     parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
-    parser.add_argument("--episodes", type=int, default=300, help="of each row (300)")
+    parser.add_argument("--episodes", type=int, default=200, help="of each row (200)")
     parser.add_argument("--seeds", type=int, nargs="*", default=HELD_OUT, help="of the policies (1 2)")
     parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")

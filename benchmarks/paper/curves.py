@@ -1,4 +1,4 @@
-"""Learning curves of all algorithms over all seeds, from the runs that ``export.train_all`` left.
+"""Learning curves of the algorithms over five seeds, from the runs that ``export.train_all`` left.
 
     python -m benchmarks.paper.curves --runs runs
 
@@ -30,6 +30,8 @@ COLOURS = {
     "mappo": ("#009e73", "mappo"),
 }
 """What learns the task alone, and from nothing."""
+SEEDS = 5
+"""Of each."""
 
 
 class Point(NamedTuple):
@@ -43,7 +45,7 @@ class Point(NamedTuple):
 
 
 def read_points(runs: Path) -> list[Point]:
-    """All validations under ``runs/<task>/<algorithm>/seed-<n>``.
+    """All validations of the first seeds under ``runs/<task>/<algorithm>/seed-<n>``.
 
     Raises:
         ConfigError: if there are none.
@@ -51,7 +53,7 @@ def read_points(runs: Path) -> list[Point]:
     points = []
     for table in sorted(runs.glob("*/*/seed-*/metrics.csv")):
         task, algorithm, seed = table.parts[-4], table.parts[-3], int(table.parts[-2].removeprefix("seed-"))
-        if task in TASKS and algorithm in COLOURS:
+        if task in TASKS and algorithm in COLOURS and seed < SEEDS:
             with table.open() as lines:
                 rows = [row for row in csv.DictReader(lines) if row["score"]]
             points += [Point(task, algorithm, seed, int(row["frames"]), float(row["score"])) for row in rows]
