@@ -1,6 +1,7 @@
 """The moving pictures of the README: the same episode of a task, left alone and guided, side by side.
 
-One row of `PICTURES` a task. The episode is the first one that guidance satisfies.
+One row of `PICTURES` a task. The episode is the first one that the tuned default satisfies, shown until
+it has.
 """
 
 import argparse
@@ -11,13 +12,13 @@ import msgspec
 import numpy as np
 
 from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
-from benchmarks.paper.judges import motion
-from benchmarks.paper.methods import guided, unguided
+from benchmarks.paper.judges import Flags, motion
+from benchmarks.paper.methods import unguided
 from benchmarks.paper.policies import POLICIES, load_policy
 from benchmarks.paper.tasks import TASKS
+from benchmarks.paper.tuning import chosen, read_tuned
 from edge_runtime.bundle import Bundle, packaged_bundle
 from edge_runtime.errors import ConfigError
-from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
 from edge_runtime.report_page.animation import Load, Scene, animate, check_target
 from edge_runtime.report_page.arena import Circle
@@ -35,7 +36,6 @@ class Picture(msgspec.Struct, frozen=True):
     task: str
     policy: str
     """A packaged policy; empty for the first seed of those that the tables rest on."""
-    guidance: GuidanceSettings
     seconds: float
     """Longest time shown."""
 
@@ -43,9 +43,9 @@ class Picture(msgspec.Struct, frozen=True):
 PICTURES = {
     picture.task: picture
     for picture in (
-        Picture("navigation", "navigation", GuidanceSettings(), 12.0),
-        Picture("balance", "balance", GuidanceSettings(scale=0.3, reach=0.5), 30.0),
-        Picture("sampling", "sampling", GuidanceSettings(scale=0.3, reach=2.0), 15.0),
+        Picture("navigation", "navigation", 12.0),
+        Picture("balance", "balance", 30.0),
+        Picture("sampling", "sampling", 15.0),
     )
 }
 
@@ -79,13 +79,15 @@ def draw(picture: Picture, policies: Path, path: Path, setting: Setting = SETTIN
     """
     bundle = _bundle(picture, policies)
     task = TASKS[picture.task]
-    with_guidance = guided(picture.guidance, (*task.objectives, *task.deconfliction), bundle)
-    alone = unguided(bundle, picture.guidance.start_noise)
+    who = chosen(read_tuned(), task, "CFPG")
+    with_guidance, alone = who.make(bundle), unguided(bundle, start_noise=1.0)
     satisfied, after = _follow(picture, with_guidance, setting)
     _, before = _follow(picture, alone, setting)
+    lengths = 1 + np.sum(after.running, 0)
     episode = int(np.argmax(satisfied))
+    shown = min(round(picture.seconds / bundle.manifest.dynamics.dt_s), int(lengths[episode]))
     scenes = [
-        _scene(picture, bundle, title, tracks, episode)
+        _scene(picture, bundle, title, tracks, episode, shown)
         for title, tracks in (("without guidance", before), ("with guidance", after))
     ]
     animate(scenes, path)
@@ -106,8 +108,9 @@ class _Tracks:
         self.goals: Floats | None = None
         self.package: list[Floats] = []
         self.beam: list[Floats] = []
+        self.running: list[Flags] = []
 
-    def watch(self, world: Scenario) -> None:
+    def watch(self, world: Scenario, running: Flags) -> None:
         """Note where everybody is, and what they carry."""
         position, velocity = motion(world)
         state = world.state_dict()
@@ -118,6 +121,7 @@ class _Tracks:
             self.beam.append(_beam_ends(state["line"].double().numpy(), state["line_angle"].double().numpy()))
         self.position.append(position.copy())
         self.velocity.append(velocity.copy())
+        self.running.append(running.copy())
 
 
 def _beam_ends(centre: Floats, angle: Floats) -> Floats:
@@ -140,9 +144,8 @@ def _follow(picture: Picture, make: MakeDecide, setting: Setting) -> tuple[np.nd
     return outcome.satisfied, tracks
 
 
-def _scene(picture: Picture, bundle: Bundle, title: str, tracks: _Tracks, episode: int) -> Scene:
+def _scene(picture: Picture, bundle: Bundle, title: str, tracks: _Tracks, episode: int, shown: int) -> Scene:
     manifest = bundle.manifest
-    shown = round(picture.seconds / manifest.dynamics.dt_s)
     position = np.stack(tracks.position)[:shown, episode]
     goals = [] if tracks.goals is None or tracks.goals.ndim != 3 else tracks.goals[episode].tolist()
     asked = TASKS[picture.task].objectives

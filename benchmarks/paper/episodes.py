@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from benchmarks.paper.judges import Outcome, motion
+from benchmarks.paper.judges import Flags, Outcome, motion
 from benchmarks.paper.masses import set_masses
 from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.tasks import Task
@@ -26,6 +26,8 @@ Decide = Callable[[npt.NDArray[np.float32], TeamBatch, np.random.Generator], Flo
 """Observations (B, O) and views of B robots, and a generator of noise -> actions (B, 2)."""
 MakeDecide = Callable[[int], Decide]
 """Prepares the decisions of B robots."""
+Watch = Callable[[Scenario, Flags], None]
+"""Sees the scenario before every control step, and which of its episodes (E,) are not over."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def run_episodes(
     make_decide: MakeDecide,
     setting: Setting,
     progress: Callable[[int], None] = lambda _: None,
-    watch: Callable[[Scenario], None] = lambda _: None,
+    watch: Watch = lambda _world, _running: None,
 ) -> Outcome:
     """Run and judge fresh episodes.
 
@@ -57,7 +59,7 @@ def run_episodes(
         make_decide: who plays.
         setting: how often, and from which seed.
         progress: called with the number of episodes just finished.
-        watch: called with the scenario before every control step.
+        watch: looks on.
     """
     chunks = []
     for first in range(0, setting.episodes, CHUNK):
@@ -74,7 +76,7 @@ def _run_chunk(
     setting: Setting,
     count: int,
     seed: int,
-    watch: Callable[[Scenario], None],
+    watch: Watch,
 ) -> Outcome:
     world = make_scenario(task.name, count, seed, torch.device("cpu"), training=False)
     if setting.masses_kg is not None:
@@ -85,7 +87,7 @@ def _run_chunk(
     low, high = ([getattr(field, end) for field in world.facts.action] for end in ("low", "high"))
     action = np.zeros((count, robots, 2))
     for _ in range(task.steps):
-        watch(world)
+        watch(world, judge.running)
         views = neighbourhood.views(*motion(world), action)
         observation = world.observe().flatten(0, 1).numpy()
         action = np.clip(decide(observation, views, draw), low, high).reshape(count, robots, 2)

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
-from benchmarks.paper.judges import motion
+from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import unguided
 from benchmarks.paper.policies import load_policy
 from benchmarks.paper.tasks import Task
@@ -24,30 +24,36 @@ COLOURS = ("#d62728", "#ff7f0e", "#bcbd22", "#2ca02c", "#1f77b4")
 
 
 def draw_trajectories(task: Task, who: Contestant, policies: Path, path: Path, *, quick: bool) -> None:
-    """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided."""
+    """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided.
+
+    Both until guidance has satisfied everything: robots that have done their work are told nothing any more.
+    """
     bundle = load_policy(policies, task.name, who.algorithm, seed=0)
-    guided_tracks, satisfied = _follow(task, who.make(bundle), quick=quick)
-    free_tracks, _ = _follow(task, unguided(bundle, 1.0), quick=quick)
+    guided_tracks, satisfied, lengths = _follow(task, who.make(bundle), quick=quick)
+    free_tracks, _, _ = _follow(task, unguided(bundle, 1.0), quick=quick)
     episode = int(np.argmax(satisfied))
+    shown = lengths[episode]
     figure, axes = plt.subplots(1, 2, figsize=(10, 5), sharex=True, sharey=True, layout="constrained")
     for panel, tracks, title in zip(axes, (free_tracks, guided_tracks), ("unguided", "guided"), strict=True):
-        _draw(panel, task, tracks[:, episode])
+        _draw(panel, task, tracks[:shown, episode])
         panel.set(title=f"{task.name}, {title}", xlabel="x, m", aspect="equal")
     axes[0].set_ylabel("y, m")
     figure.savefig(path, dpi=120)
     plt.close(figure)
 
 
-def _follow(task: Task, make: MakeDecide, *, quick: bool) -> tuple[Floats, np.ndarray]:
-    """Positions (steps, E, N, 2) of some episodes, and which of them were satisfied."""
+def _follow(task: Task, make: MakeDecide, *, quick: bool) -> tuple[Floats, np.ndarray, np.ndarray]:
+    """Positions (steps, E, N, 2) of some episodes, which were satisfied, and how many steps each took."""
     seen: list[Floats] = []
+    ran: list[Flags] = []
 
-    def watch(world: Scenario) -> None:
+    def watch(world: Scenario, running: Flags) -> None:
         seen.append(motion(world)[0])
+        ran.append(running.copy())
 
     setting = Setting(2, SETTING.seed) if quick else SETTING
     outcome = run_episodes(task, make, setting, watch=watch)
-    return np.stack(seen), outcome.satisfied
+    return np.stack(seen), outcome.satisfied, np.sum(ran, 0) + 1
 
 
 def _draw(panel: Axes, task: Task, tracks: Floats) -> None:
