@@ -33,6 +33,14 @@ def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -
     draw_steps(swept, out / "steps.png")
     figures = [f"![{path.stem}]({path.name})" for path in sorted(out.glob("*.png"))]
     text = "\n\n".join(tables)
-    head = "# The paper's evaluation\n\nWritten by `python -m benchmarks paper`."
-    (out / "paper.md").write_text("\n\n".join([head, text, "## Figures", *figures]) + "\n")
+    (out / "paper.md").write_text("\n\n".join([_head(tabled), text, "## Figures", *figures]) + "\n")
     return text
+
+
+def _head(tabled: Sequence[Row]) -> str:
+    seeds, episodes = len({row.seed for row in tabled}), tabled[0].episodes
+    commits = ", ".join(sorted({row.commit for row in tabled if row.commit}))
+    return (
+        "# The paper's evaluation\n\nWritten by `python -m benchmarks paper`: mean ± standard deviation over "
+        f"policies of {seeds} seeds, {episodes} episodes each, at commit {commits or 'unknown'}."
+    )
