@@ -17,6 +17,7 @@ from benchmarks.paper.evaluation import Question
 from benchmarks.paper.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
 from benchmarks.paper.methods import guided, unguided
 from benchmarks.paper.neighbourhood import Neighbourhood
+from benchmarks.paper.policies import POLICIES
 from benchmarks.paper.rows import Key, make_row, read_rows, write_rows
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tables import success_table
@@ -243,7 +244,7 @@ def test_every_scale_of_the_sweep_keeps_the_other_settings_and_only_flows_have_o
 
 
 def some_row(seed=0, success=50.0, method="CFPG"):
-    key = Key("navigation", method, MODE, seed, 10, None, None, 0.0, "policy", "definitions")
+    key = Key("navigation", method, MODE, seed, 10, 1, None, None, 0.0, "policy", "definitions")
     outcome = run_outcome(success)
     return make_row(TASKS["navigation"], outcome, key, "commit")
 
@@ -283,6 +284,13 @@ def test_finished_rows_are_not_asked_again(monkeypatch, tmp_path):
     monkeypatch.setattr(evaluation, "key", lambda _question, _policies: row.key)
     question = Question("navigation", SOMEBODY, 0, 10)
     assert list(evaluation.answer_all([question], tmp_path, 1, [row])) == []
+
+
+def test_rows_of_other_episodes_answer_nothing(monkeypatch):
+    question, root = Question("navigation", SOMEBODY, 0, 10), POLICIES
+    before = evaluation.key(question, root)
+    monkeypatch.setattr(evaluation, "EVALUATION_SEED", evaluation.EVALUATION_SEED + 1)
+    assert evaluation.key(question, root) == before._replace(episodes_seed=before.episodes_seed + 1)
 
 
 def test_a_missing_seed_is_one_clear_line(tmp_path):

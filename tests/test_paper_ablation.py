@@ -240,9 +240,9 @@ def test_guidance_by_own_mass_is_the_usual_where_all_weigh_the_same_and_pushes_h
 
 def row(seed, success, mode="reference"):
     return Row(
-        task="navigation", method="CFPG", mode=mode, seed=seed, episodes=100, multi_objective_success=success,
-        navigation_success=90.0, speeding_violation=1.0, margin_violation=2.0,
-        policy="p", definitions="d", commit="c",
+        task="navigation", method="CFPG", mode=mode, seed=seed, episodes=100, episodes_seed=2,
+        multi_objective_success=success, navigation_success=90.0, speeding_violation=1.0,
+        margin_violation=2.0, policy="p", definitions="d", commit="c",
     )  # fmt: skip
 
 

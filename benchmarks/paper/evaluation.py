@@ -54,6 +54,7 @@ def key(question: Question, policies: Path) -> Key:
         who.mode,
         question.seed,
         question.episodes,
+        EVALUATION_SEED,
         question.euler_steps,
         question.neighbours,
         question.loss,

@@ -22,6 +22,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     seed: int
     """Of the policy's training."""
     episodes: int
+    episodes_seed: int
+    """Of their starts, goals and noise."""
     multi_objective_success: float
     navigation_success: float | None = None
     speeding_violation: float | None = None
@@ -55,6 +57,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             self.mode,
             self.seed,
             self.episodes,
+            self.episodes_seed,
             self.euler_steps,
             self.neighbours,
             self.loss,
@@ -71,6 +74,7 @@ class Key(NamedTuple):
     mode: str
     seed: int
     episodes: int
+    episodes_seed: int
     euler_steps: int | None
     neighbours: int | None
     loss: float
