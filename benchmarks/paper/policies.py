@@ -10,6 +10,8 @@ POLICIES = Path(__file__).parents[1] / "policies"
 """The committed bundles of all seeds."""
 SEEDS = 10
 """Of every method in the tables."""
+FIRST_FRESH_SEED = 5
+"""From here on policies were trained when definitions and candidate settings stood."""
 
 
 def load_policy(root: Path, task: str, algorithm: str, seed: int) -> Bundle:
