@@ -14,7 +14,6 @@ import numpy as np
 from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
 from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import unguided
-from benchmarks.paper.policies import POLICIES, load_policy
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned
 from edge_runtime.bundle import Bundle, packaged_bundle
@@ -34,8 +33,7 @@ class Picture(msgspec.Struct, frozen=True):
     """How one task is shown."""
 
     task: str
-    policy: str
-    """A packaged policy; empty for the first seed of those that the tables rest on."""
+    """Driven by the packaged policy of its name."""
     seconds: float
     """Longest time shown."""
 
@@ -43,9 +41,9 @@ class Picture(msgspec.Struct, frozen=True):
 PICTURES = {
     picture.task: picture
     for picture in (
-        Picture("navigation", "navigation", 12.0),
-        Picture("balance", "balance", 30.0),
-        Picture("sampling", "sampling", 15.0),
+        Picture("navigation", 12.0),
+        Picture("balance", 30.0),
+        Picture("sampling", 15.0),
     )
 }
 
@@ -55,9 +53,6 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks pictures", description=__doc__)
     parser.add_argument("tasks", nargs="*", metavar="TASK",
                         help=f"any of {', '.join(PICTURES)} (default: all)")  # fmt: skip
-    parser.add_argument(
-        "--policies", type=Path, default=POLICIES, metavar="DIR", help="bundles of the tables"
-    )
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="where the pictures go")
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.tasks if name not in PICTURES]:
@@ -66,18 +61,14 @@ def main(arguments: Sequence[str]) -> int:
     for name in options.tasks or PICTURES:
         path = options.out / f"{name}.gif"
         check_target(path)
-        draw(PICTURES[name], options.policies, path)
+        draw(PICTURES[name], path)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
     return 0
 
 
-def draw(picture: Picture, policies: Path, path: Path, setting: Setting = SETTING) -> None:
-    """Draw one task.
-
-    Raises:
-        ConfigError: if its policy is missing.
-    """
-    bundle = _bundle(picture, policies)
+def draw(picture: Picture, path: Path, setting: Setting = SETTING) -> None:
+    """Draw one task."""
+    bundle = packaged_bundle(picture.task)
     task = TASKS[picture.task]
     who = chosen(read_tuned(), task, "CFPG")
     with_guidance, alone = who.make(bundle), unguided(bundle, start_noise=1.0)
@@ -91,12 +82,6 @@ def draw(picture: Picture, policies: Path, path: Path, setting: Setting = SETTIN
         for title, tracks in (("without guidance", before), ("with guidance", after))
     ]
     animate(scenes, path)
-
-
-def _bundle(picture: Picture, policies: Path) -> Bundle:
-    if picture.policy:
-        return packaged_bundle(picture.policy)
-    return load_policy(policies, picture.task, "mafpo-chain", 0)
 
 
 class _Tracks:

@@ -145,9 +145,8 @@ class Trainer:
         """Continue from what ``state_dict`` returned."""
         self.frames, self._rate = state["frames"], state["learning_rate"]
         self.algorithm.actor.load_state_dict(state["actor"])
-        self.critic.load_state_dict(state["critic"])
         self._optimizer.load_state_dict(state["optimizer"])
-        self._reward_moments.load_state_dict(state["reward_moments"])
+        self.adopt_critic(state)
 
     def adopt_critic(self, state: dict[str, Any]) -> None:
         """Begin with the critic of another run's ``state_dict``, and with its scale of rewards.

@@ -4,7 +4,6 @@ import pytest
 from PIL import Image
 
 from benchmarks.paper.episodes import Setting
-from benchmarks.paper.policies import POLICIES
 from benchmarks.pictures import Picture, draw, main
 from edge_runtime.errors import ConfigError
 
@@ -25,7 +24,7 @@ def test_a_picture_ends_when_its_robots_have_arrived_or_its_time_is_up(tmp_path)
     lengths = []
     for longest in (2.0, 15.0):
         path = tmp_path / f"{longest}.gif"
-        draw(Picture("navigation", "navigation", longest), POLICIES, path, FEW)
+        draw(Picture("navigation", longest), path, FEW)
         lengths.append(seconds(path))
     assert lengths[0] < lengths[1] < 14.0
 

@@ -26,7 +26,7 @@ COLOURS = ("#d62728", "#ff7f0e", "#bcbd22", "#2ca02c", "#1f77b4")
 def draw_trajectories(task: Task, who: Contestant, policies: Path, path: Path, *, quick: bool) -> None:
     """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided.
 
-    Both until guidance has satisfied everything: robots that have done their work are told nothing any more.
+    Both until guidance has satisfied everything: what robots do afterwards, no objective asks for.
     """
     bundle = load_policy(policies, task.name, who.algorithm, seed=0)
     guided_tracks, satisfied, lengths = _follow(task, who.make(bundle), quick=quick)
