@@ -280,5 +280,5 @@ def _free_port() -> int:
 
 def _realtime_permitted() -> bool:
     """Whether a child may have it: this process is to stay an ordinary one."""
-    code = "from edge_runtime.realtime import enter_realtime; enter_realtime()"
+    code = "from edge_runtime.common.realtime import enter_realtime; enter_realtime()"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0  # noqa: S603

@@ -11,7 +11,7 @@ from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from edge_runtime.command_line import CommandParser, need
+from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.errors import EdgeError
 from edge_runtime.flags import make_parser as make_run_parser
 from edge_runtime.run import BRIDGES

@@ -8,13 +8,13 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.zenoh_settings import check_zenoh
 
 OLDEST_STATE_S: Final = 0.1

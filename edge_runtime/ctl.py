@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.key_file import read_key
+from edge_runtime.common.toml_file import read_settings, refuse
 from edge_runtime.config import Fleet, load_fleet, parse_steering
 from edge_runtime.control_wire import FILE_BYTES, Standing
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.fleet_settings import endpoint
-from edge_runtime.key_file import read_key
 from edge_runtime.operator_link import OperatorLink
-from edge_runtime.toml_file import read_settings, refuse
 
 DESCRIPTION: Final = """\
 Order a team of robots that drive (edge-run with a fleet file that has a [carrier]):

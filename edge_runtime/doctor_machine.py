@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from edge_runtime.checkup import Finding, examine, fail, ok, warn
-from edge_runtime.realtime import PRIORITY
+from edge_runtime.common.realtime import PRIORITY
 
 DISTRIBUTION: Final = "cfpg-edge"
 COARSEST_CLOCK_S: Final = 1e-4

@@ -6,6 +6,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Protocol
 
+from edge_runtime.common.key_file import read_key
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.config import Fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_report import FleetReport
@@ -13,7 +15,6 @@ from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_settings import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Carrier, UdpCarrier
-from edge_runtime.key_file import read_key
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.order_desk import OrderDesk
@@ -21,7 +22,6 @@ from edge_runtime.orders import Orders
 from edge_runtime.plan import Plan
 from edge_runtime.stream_wire import Kind
 from edge_runtime.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
-from edge_runtime.toml_file import refuse
 
 STALE_PERIODS: Final = 3
 """A teammate older than this many control periods is masked."""

@@ -7,9 +7,9 @@ from typing import Literal
 
 import msgspec
 
-from edge_runtime.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.messages import Vector2
-from edge_runtime.toml_file import refuse
 
 Endpoint = tuple[str, int]
 """IP address and port."""

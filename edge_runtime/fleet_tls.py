@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import msgspec
 
+from edge_runtime.common.key_file import read_private
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import TlsSettings
-from edge_runtime.key_file import read_private
 
 ROUTER: Final = "router"
 """The common name in a router's certificate."""

@@ -18,7 +18,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from edge_runtime.child import start_child
+from edge_runtime.common.child import start_child
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
 from edge_runtime.log_flags import make_log_plan

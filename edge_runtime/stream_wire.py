@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from edge_runtime.bounds import GREATEST
+from edge_runtime.common.bounds import GREATEST
 from edge_runtime.fleet_wire import FrameError, Refusal
 from edge_runtime.messages import Vector2
 

@@ -4,8 +4,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.fleet_settings import CarrierSettings, Robot, endpoint
-from edge_runtime.toml_file import refuse
 
 
 def check_zenoh(path: Path, carrier: CarrierSettings | None, robots: Sequence[Robot]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from onnx import ModelProto
 
-from edge_runtime.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.manifest import Training
 from edge_runtime.weights import FlowWeights

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
-from edge_runtime.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from export.distributed import join, launch
 from export.plan import ALGORITHMS, Request, make_plan

@@ -10,8 +10,8 @@ from typing import Literal
 
 import msgspec
 
+from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.errors import ConfigError
-from edge_runtime.toml_file import read_toml, to_record
 from firmware_bridge.base_kinematics import Base
 from firmware_bridge.can_e2e import Protection
 from firmware_bridge.can_odrive import Watchdog

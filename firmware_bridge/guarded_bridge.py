@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TypeVar
 
-from edge_runtime.child import start_child
+from edge_runtime.common.child import start_child
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard_link import Setpoint

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.common.key_file import read_key
 from edge_runtime.errors import ConfigError
-from edge_runtime.key_file import read_key
 from edge_runtime.manifest import Manifest
 from edge_runtime.messages import Vector2
 from edge_runtime.mission import Mission

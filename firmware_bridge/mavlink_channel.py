@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from edge_runtime.common.key_file import read_key
 from edge_runtime.errors import BridgeError
-from edge_runtime.key_file import read_key
 from firmware_bridge.mavlink_codec import COMPANION, Decoder, Encoder, Tally
 from firmware_bridge.mavlink_messages import Content, Outgoing
 from firmware_bridge.mavlink_options import MavlinkOptions

@@ -7,8 +7,8 @@ import sys
 import msgspec
 import pytest
 
-import edge_runtime.child as child_module
-from edge_runtime.child import start_child
+import edge_runtime.common.child as child_module
+from edge_runtime.common.child import start_child
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -63,7 +63,7 @@ def test_a_closed_stream_of_ours_becomes_none_of_the_child(tmp_path):
     (tmp_path / "echo.py").write_text(ECHO)
     code = (
         "import os, sys, msgspec; os.close(1); memory = os.memfd_create('m'); assert memory == 1\n"
-        "from edge_runtime.child import start_child\n"
+        "from edge_runtime.common.child import start_child\n"
         "class Task(msgspec.Struct): name: str\n"
         "connection, process = start_child('echo', Task('one'), memory, quiet=True)\n"
         "assert process.wait(30) == 0 and connection.recv(4096)\n"

@@ -20,7 +20,7 @@ ASKED_AND_TRIED = """
 import os, resource
 from edge_runtime.doctor_machine import realtime
 from edge_runtime.errors import ConfigError
-from edge_runtime.realtime import enter_realtime
+from edge_runtime.common.realtime import enter_realtime
 {before}
 print(realtime(True).verdict.name, os.sched_getscheduler(0) == os.SCHED_OTHER)
 try:

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
+from edge_runtime.common.key_file import read_key
 from edge_runtime.errors import ConfigError
-from edge_runtime.key_file import read_key
 
 KEY = bytes(range(32))
 

@@ -8,10 +8,10 @@ import time
 
 import pytest
 
-from edge_runtime import realtime
+from edge_runtime.common import realtime
+from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.errors import ConfigError
 from edge_runtime.rate import DeadlineGrid
-from edge_runtime.realtime import EarlyWake, enter_realtime, freeze_garbage
 
 
 def in_process(script):
@@ -19,14 +19,17 @@ def in_process(script):
 
 
 def permitted():
-    return in_process("from edge_runtime.realtime import enter_realtime; enter_realtime()").returncode == 0
+    return (
+        in_process("from edge_runtime.common.realtime import enter_realtime; enter_realtime()").returncode
+        == 0
+    )
 
 
 def test_permitted_means_scheduled_and_locked():
     if not permitted():
         pytest.skip("this machine refuses real-time scheduling")
     done = in_process(
-        "import os\nfrom edge_runtime.realtime import enter_realtime\nenter_realtime()\n"
+        "import os\nfrom edge_runtime.common.realtime import enter_realtime\nenter_realtime()\n"
         "print(os.sched_getscheduler(0) == os.SCHED_FIFO, os.sched_getparam(0).sched_priority)\n"
         "print(int(next(l for l in open('/proc/self/status') if l.startswith('VmLck')).split()[1]) > 1000)\n"
     )
@@ -57,7 +60,7 @@ def test_refused_memory_names_the_remedy_and_gives_the_priority_back(monkeypatch
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root to give rights up")
 def test_the_kernels_refusal_arrives_as_an_error():
     done = in_process(
-        "import os, resource\nfrom edge_runtime.realtime import _lock_memory\n"
+        "import os, resource\nfrom edge_runtime.common.realtime import _lock_memory\n"
         "resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))\nos.setuid(65534)\n"
         "try:\n    _lock_memory()\nexcept OSError as error:\n    print(error.errno > 0)"
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import edge_runtime
-from edge_runtime.signals import StopSignals
+from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil import command, harness
 from firmware_bridge.sil.faults import KINDS
 from firmware_bridge.sil.processes import Crew

@@ -11,7 +11,7 @@ import msgspec
 
 from benchmarks.faults.can_firmware import driving_frame
 from benchmarks.faults.firmware import PERIOD_S
-from edge_runtime.realtime import enter_realtime
+from edge_runtime.common.realtime import enter_realtime
 from firmware_bridge.can_bus import CanBus
 from firmware_bridge.can_link import CanOptions
 from firmware_bridge.guard_spec import GuardSpec

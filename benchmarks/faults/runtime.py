@@ -9,8 +9,8 @@ import time
 import msgspec
 
 from benchmarks.faults.firmware import PERIOD_S
+from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.messages import Command
-from edge_runtime.realtime import enter_realtime
 from firmware_bridge.guard_spec import GuardSpec
 from firmware_bridge.guarded_bridge import GuardedBridge
 

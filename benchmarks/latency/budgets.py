@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 
 from benchmarks.latency.measure import Timing
+from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.errors import ConfigError
-from edge_runtime.toml_file import read_toml, to_record
 
 BUDGETS = Path(__file__).parents[1] / "budgets.toml"
 

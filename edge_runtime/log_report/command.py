@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.command_line import CommandParser, need
+from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.log_reader import Damage, read_log
 from edge_runtime.log_report.digest import RunDigest, digest

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import msgspec
 import numpy as np
 
-from edge_runtime.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 LONGEST_LOOK_AHEAD = 1000

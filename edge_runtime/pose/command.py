@@ -7,16 +7,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.key_file import read_key
+from edge_runtime.common.signals import StopSignals
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.config import Fleet, load_fleet
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.fleet_settings import Endpoint, endpoint
-from edge_runtime.key_file import read_key
 from edge_runtime.pose.feeds import NatNetFeed, replay
 from edge_runtime.pose.recording import Sample, read_recording
-from edge_runtime.signals import StopSignals
 from edge_runtime.stream_host import StreamHost
-from edge_runtime.toml_file import refuse
 
 DESCRIPTION: Final = """\
 Tell robots where they are: OptiTrack rigid bodies (NatNet 4.0, 4.1), or a recording, as authenticated frames.

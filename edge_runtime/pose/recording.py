@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.errors import ConfigError
 from edge_runtime.stream_wire import GREATEST_SPEED_M_S
 

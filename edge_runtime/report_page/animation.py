@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from edge_runtime.command_line import need
+from edge_runtime.common.command_line import need
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.report_page.arena import Circle, disc

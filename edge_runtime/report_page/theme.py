@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, ParamSpec
 
-from edge_runtime.command_line import need
+from edge_runtime.common.command_line import need
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

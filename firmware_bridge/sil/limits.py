@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.toml_file import read_toml, to_record
+from edge_runtime.common.toml_file import read_toml, to_record
 
 DEFAULT_LIMITS: Final = Path(__file__).with_name("limits.toml")
 

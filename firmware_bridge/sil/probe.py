@@ -10,8 +10,8 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.realtime import enter_realtime
-from edge_runtime.signals import StopSignals
+from edge_runtime.common.realtime import enter_realtime
+from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil.samples import Samples
 
 PERIOD_S = 0.005

@@ -15,8 +15,8 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.realtime import enter_realtime
-from edge_runtime.signals import StopSignals
+from edge_runtime.common.realtime import enter_realtime
+from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil.disturbance import Disturbance
 from firmware_bridge.sil.faults import AnyFault
 from firmware_bridge.sil.helper import await_start

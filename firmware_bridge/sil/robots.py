@@ -3,8 +3,8 @@
 import importlib
 from pathlib import Path
 
+from edge_runtime.common.key_file import read_key
 from edge_runtime.flags import make_mission, make_parser
-from edge_runtime.key_file import read_key
 from edge_runtime.operator_link import OperatorLink
 from edge_runtime.run import BRIDGES
 from firmware_bridge.frames import rotate

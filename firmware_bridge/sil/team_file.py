@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from edge_runtime.toml_file import Table
+from edge_runtime.common.toml_file import Table
 from firmware_bridge.sil.layout import places
 
 HOST = "127.0.0.1"
