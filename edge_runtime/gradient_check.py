@@ -5,10 +5,10 @@ import math
 import msgspec
 import numpy as np
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import GradientError
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.outlook import Motion, Outlook, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective, Slope
-from edge_runtime.scene import Motion, Outlook, OutlookBatch, TeamBatch, look_ahead_batch
 
 _STEP = 1e-6
 _TOLERANCE = 1e-4

@@ -30,10 +30,10 @@ import numpy.typing as npt
 from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.kernel import CompiledPolicy, encode
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
+from edge_runtime.motion.outlook import Motion, Outlook, look_ahead
 from edge_runtime.objectives import Objective
 from edge_runtime.policy import VelocityField
 from edge_runtime.projection import cone, harmonize, project_onto_nominal, weighted_sum
-from edge_runtime.scene import Motion, Outlook, look_ahead
 
 __all__ = ["GuidedAction", "guided_action"]
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.projection import Projection
-from edge_runtime.scene import Outlook
 from edge_runtime.weights import Array, FlowWeights
 
 PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")

@@ -8,9 +8,9 @@ import math
 
 import msgspec
 
-from edge_runtime.dynamics import Preview
 from edge_runtime.guidance import GuidedAction
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
+from edge_runtime.motion.dynamics import Preview
 
 
 class Limits(msgspec.Struct, frozen=True, gc=False):

@@ -4,7 +4,7 @@ from typing import Literal
 
 import msgspec
 
-from edge_runtime.dynamics import Dynamics
+from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"

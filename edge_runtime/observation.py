@@ -16,7 +16,7 @@ import numpy.typing as npt
 from edge_runtime.errors import PolicyError
 from edge_runtime.manifest import Body, Manifest
 from edge_runtime.messages import TeamState, Vector2
-from edge_runtime.scene import Floats, TeamBatch
+from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.weights import Array
 
 SOURCES = ("position", "velocity", "goal_offset", "proximity", "ranges")

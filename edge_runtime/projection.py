@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from edge_runtime.messages import Vector2
-from edge_runtime.scene import Floats
+from edge_runtime.motion.outlook import Floats
 
 Projection = Literal["none", "hierarchical", "cone"]
 PlanarCombine = Callable[[Sequence[Vector2], Sequence[float], Vector2], Vector2]

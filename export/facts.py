@@ -5,7 +5,6 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import ConfigError
 from edge_runtime.manifest import (
     BUNDLE_FORMAT,
@@ -24,6 +23,7 @@ from edge_runtime.manifest_rules import (
     check_manifest,
     observation_size,
 )
+from edge_runtime.motion.dynamics import Dynamics
 
 FACTS_TEMPLATE: Final = """\
 # What edge-export must know beside the graph. SI units throughout.

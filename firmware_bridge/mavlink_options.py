@@ -2,8 +2,8 @@
 
 import msgspec
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.dynamics import Dynamics
 
 
 class MavlinkOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -2,8 +2,8 @@
 
 import math
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.messages import RobotState, Vector2
+from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.base_kinematics import Base, motion_for
 from firmware_bridge.frames import swap_enu_ned
 from firmware_bridge.guard_link import Limits, Setpoint

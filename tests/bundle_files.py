@@ -7,7 +7,6 @@ import msgspec
 from conftest import random_weights
 
 from edge_runtime.bundle import digest_line
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.manifest import (
     BUNDLE_FORMAT,
     ActionField,
@@ -17,6 +16,7 @@ from edge_runtime.manifest import (
     ObservationField,
     Training,
 )
+from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.weight_file import pack_weights
 
 WEIGHTS = random_weights(observation_dim=18, hidden=(8, 6))

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from literal_dynamics import drive
 
-from edge_runtime.dynamics import Dynamics
+from edge_runtime.motion.dynamics import Dynamics
 
 dynamics = st.builds(
     Dynamics,

@@ -11,10 +11,11 @@ import scipy.integrate
 from conftest import random_weights
 
 from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide, Mode
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.outlook import TeamBatch
 from edge_runtime.objectives import (
     Clustering,
     Objective,
@@ -26,7 +27,6 @@ from edge_runtime.objectives import (
     SpeedLimit,
 )
 from edge_runtime.policy import FlowPolicy
-from edge_runtime.scene import TeamBatch
 
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 OBJECTIVES = [

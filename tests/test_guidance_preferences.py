@@ -13,9 +13,9 @@ from test_guidance import DYNAMICS, UNIT, WISHES, Quadratic, gaussian_flow, rand
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
+from edge_runtime.motion.outlook import Motion, look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.policy import FlowPolicy
-from edge_runtime.scene import Motion, look_ahead
 
 LIMITS = [SpeedLimit(limit_m_s=0.2, buffer_m_s=0.01), SafetyMargin(distance_m=0.5, look_ahead=3)]
 seeds = st.integers(0, 10**6)

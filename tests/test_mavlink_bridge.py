@@ -4,9 +4,9 @@ import bundles
 import msgspec
 import pytest
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.manifest import ActionField
+from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guarded_bridge import GuardedBridge
 from firmware_bridge.mavlink_bridge import add_arguments, make_spec, options_from

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
+from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.base_kinematics import Base
 from firmware_bridge.guard_link import Limits, Setpoint
 from firmware_bridge.mavlink_messages import Target

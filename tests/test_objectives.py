@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.errors import GradientError
 from edge_runtime.gradient_check import check_gradient
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SlopeBatch, SpeedLimit
-from edge_runtime.scene import look_ahead
 
 OBJECTIVES = [
     SpeedLimit(limit_m_s=0.3),

@@ -30,8 +30,8 @@ from edge_runtime.batch_guidance import action_slopes
 from edge_runtime.bundle import packaged_bundle
 from edge_runtime.errors import ConfigError
 from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.projection import hierarchical_batch
-from edge_runtime.scene import look_ahead_batch
 from export.scenarios import make_scenario
 
 CPU = torch.device("cpu")

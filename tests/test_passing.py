@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_guidance import gaussian_flow
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Passing, SpatialOrder
 
 DYNAMICS = Dynamics(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)

@@ -6,11 +6,11 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.scene import Floats, TeamBatch
 from edge_runtime.weights import Activation, Array, FlowWeights
 
 TIME_FEATURES = 16

@@ -14,7 +14,7 @@ from benchmarks.latency.cases import Case, workload
 FIRST_ACTION = """
 import sys, numpy as np
 from edge_runtime.backend import make_policy
-from edge_runtime.dynamics import Dynamics
+from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import Guide, GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.latency.cases import Workload
-from edge_runtime.dynamics import Preview
+from edge_runtime.motion.dynamics import Preview
 from edge_runtime.objectives import Objective, SpeedLimit
 from edge_runtime.weights import FlowWeights
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from edge_runtime.batch_guidance import action_slopes
 from edge_runtime.guide import Guide
-from edge_runtime.scene import Floats, OutlookBatch
+from edge_runtime.motion.outlook import Floats, OutlookBatch
 
 
 class DescentSettings(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,7 +15,7 @@ from benchmarks.paper.judges import Flags, Outcome, motion
 from benchmarks.paper.masses import set_masses
 from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.tasks import Task
-from edge_runtime.scene import Floats, TeamBatch
+from edge_runtime.motion.outlook import Floats, TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Scenario
 

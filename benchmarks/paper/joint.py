@@ -8,8 +8,8 @@ that decide on their own do not have: for comparison only.
 from functools import partial
 
 from edge_runtime.guide import Guide
+from edge_runtime.motion.outlook import Floats
 from edge_runtime.projection import BatchCombine
-from edge_runtime.scene import Floats
 
 
 def jointly(robots: int, guide: Guide) -> Guide:

@@ -11,8 +11,8 @@ from benchmarks.paper.views import rows_of
 from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
-from edge_runtime.scene import Floats, TeamBatch
 
 
 def guided_by_own_mass(

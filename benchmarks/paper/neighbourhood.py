@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.scene import Floats, TeamBatch
+from edge_runtime.motion.outlook import Floats, TeamBatch
 
 
 class Neighbourhood:

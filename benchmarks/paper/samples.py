@@ -17,8 +17,8 @@ from benchmarks.paper.views import rows_of
 from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
-from edge_runtime.scene import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 
 
 def best_of(

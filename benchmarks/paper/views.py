@@ -9,8 +9,8 @@ from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations, guided
 from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings
+from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
-from edge_runtime.scene import Floats, TeamBatch
 
 Rows = npt.NDArray[np.int64]
 

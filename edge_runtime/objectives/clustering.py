@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
 from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
-from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 COINCIDENT_M = 1e-9
 """Closer to the centroid than this, rounding alone would decide a robot's direction from it."""

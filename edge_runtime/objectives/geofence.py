@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
 from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
-from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 
 class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
-from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
+from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
 
 LONGEST_LOOK_AHEAD = 1000
 """Steps; a constant action has long lost its meaning there."""

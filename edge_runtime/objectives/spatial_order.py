@@ -4,8 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
 from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
-from edge_runtime.scene import Floats, Motion, Outlook, OutlookBatch
 
 
 class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):

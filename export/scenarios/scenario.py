@@ -6,8 +6,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from edge_runtime.dynamics import Dynamics
 from edge_runtime.manifest import ActionField, Body, ObservationField
+from edge_runtime.motion.dynamics import Dynamics
 
 
 @dataclass(frozen=True)

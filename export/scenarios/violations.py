@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from edge_runtime.dynamics import Dynamics, Preview
+from edge_runtime.motion.dynamics import Dynamics, Preview
+from edge_runtime.motion.outlook import Floats, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
-from edge_runtime.scene import Floats, TeamBatch, look_ahead_batch
 
 
 def violations(

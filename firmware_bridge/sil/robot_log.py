@@ -9,7 +9,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from edge_runtime.log_reader import read_log
 from edge_runtime.log_schema import Tick
-from edge_runtime.scene import Floats
+from edge_runtime.motion.outlook import Floats
 
 
 class RobotLog(NamedTuple):

@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.dynamics import Preview
 from edge_runtime.messages import TeamState
+from edge_runtime.motion.dynamics import Preview
 
 Floats = npt.NDArray[np.float64]
 
