@@ -14,8 +14,8 @@ import pytest
 
 from benchmarks.__main__ import COMMANDS as BENCHMARKS
 from edge_runtime.config import load_fleet, load_steering
-from edge_runtime.gradient_check import check_gradient
 from edge_runtime.objectives import BUILT_IN
+from edge_runtime.objectives.gradient_check import check_gradient
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.nn.functional import huber_loss
 
-from edge_runtime.gradient_check import check_gradient
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import TeamBatch, look_ahead, look_ahead_batch
 from edge_runtime.objectives import BUILT_IN, Passing, Slope, Spacing, SpatialOrder
+from edge_runtime.objectives.gradient_check import check_gradient
 
 DYNAMICS = Dynamics(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
 OBJECTIVES = [

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from edge_runtime.errors import GradientError
-from edge_runtime.gradient_check import check_gradient
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SlopeBatch, SpeedLimit
+from edge_runtime.objectives.gradient_check import check_gradient
 
 OBJECTIVES = [
     SpeedLimit(limit_m_s=0.3),

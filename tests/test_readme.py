@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.config import load_steering
-from edge_runtime.gradient_check import GradientReport
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.objectives.gradient_check import GradientReport
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
