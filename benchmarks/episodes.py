@@ -12,11 +12,11 @@ import numpy.typing as npt
 import torch
 
 from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.observation import observe_batch
+from edge_runtime.policy.bundle import Bundle
 from export.scenarios.navigation import FACTS, Navigation
 
 CHUNK = 100

@@ -15,9 +15,9 @@ import numpy as np
 from rich.progress import Progress
 
 from benchmarks.episodes import Episodes, run_episodes
-from edge_runtime.bundle import load_bundle, packaged_bundle
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.policy.bundle import load_bundle, packaged_bundle
 
 RESULTS = Path(__file__).parent / "results" / "navigation.json"
 LIMITS = (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25))

@@ -16,10 +16,10 @@ from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import unguided
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned
-from edge_runtime.bundle import Bundle, packaged_bundle
 from edge_runtime.errors import ConfigError
 from edge_runtime.motion.outlook import Floats
 from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
+from edge_runtime.policy.bundle import Bundle, packaged_bundle
 from edge_runtime.report_page.animation import Load, Scene, animate, check_target
 from edge_runtime.report_page.arena import Circle
 from export.scenarios.balance_starts import LINE_LENGTH_M, PACKAGE_RADIUS_M

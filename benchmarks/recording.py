@@ -24,7 +24,6 @@ import msgspec
 import numpy as np
 
 from benchmarks.page import add_html_flag, check_writable, table, write_html
-from edge_runtime.bundle import packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
@@ -32,6 +31,7 @@ from edge_runtime.log_folder import run_name
 from edge_runtime.log_wire import LogPlan
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.recorder import Recorder
 from edge_runtime.report_page import chart

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
-from edge_runtime.policy import VelocityField
+from edge_runtime.policy.numpy_policy import VelocityField
 from edge_runtime.projection import cone_batch
 
 

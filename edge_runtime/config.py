@@ -13,8 +13,8 @@ from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, 
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.guide import GuidanceSettings
-from edge_runtime.manifest import RATE_HZ
 from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.zenoh_settings import check_zenoh
 
 OLDEST_STATE_S: Final = 0.1

@@ -10,8 +10,8 @@ from edge_runtime.limits import Limits, first_command, limited
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.observation import Observer
 from edge_runtime.plan import Plan
-from edge_runtime.policy import VelocityField
-from edge_runtime.weights import Array
+from edge_runtime.policy.numpy_policy import VelocityField
+from edge_runtime.policy.weights import Array
 
 
 class Controller:

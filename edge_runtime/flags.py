@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
-from edge_runtime.backend import BACKENDS
-from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, Fleet, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Robot
 from edge_runtime.log_flags import add_log_flags
-from edge_runtime.manifest import RATE_HZ
 from edge_runtime.mission import Mission, adapted
+from edge_runtime.policy.backend import BACKENDS
+from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
+from edge_runtime.policy.manifest import RATE_HZ
 
 DESCRIPTION: Final = """\
 Drive one robot of a team by a flow policy, steered by objectives that it never saw in training.

@@ -28,11 +28,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
-from edge_runtime.kernel import CompiledPolicy, encode
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.motion.outlook import Motion, Outlook, look_ahead
 from edge_runtime.objectives import Objective
-from edge_runtime.policy import VelocityField
+from edge_runtime.policy.compiled_policy import CompiledPolicy, encode
+from edge_runtime.policy.numpy_policy import VelocityField
 from edge_runtime.projection import cone, harmonize, project_onto_nominal, weighted_sum
 
 __all__ = ["GuidedAction", "guided_action"]

@@ -7,9 +7,9 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
-from edge_runtime.kernel import MAX_TERMS, encodable
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Objective
+from edge_runtime.policy.compiled_policy import MAX_TERMS, encodable
 from edge_runtime.projection import BATCH, PLANAR, Projection
 
 Mode = Literal["none", "hierarchical", "cone", "terminal"]

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.backend import Backend
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import Fleet, Steering, parse_steering
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
@@ -16,6 +14,8 @@ from edge_runtime.limits import Limits
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import Observer
 from edge_runtime.plan import Plan, make_plan
+from edge_runtime.policy.backend import Backend
+from edge_runtime.policy.bundle import Bundle
 
 
 def adapted(bundle: Bundle, robot: Robot) -> Bundle:

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.manifest import Body, Manifest
 from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.motion.outlook import Floats, TeamBatch
-from edge_runtime.weights import Array
+from edge_runtime.policy.manifest import Body, Manifest
+from edge_runtime.policy.weights import Array
 
 SOURCES = ("position", "velocity", "goal_offset", "proximity", "ranges")
 """The fields that can be composed here; a policy with others runs only where its simulation observes."""

@@ -9,8 +9,8 @@ import msgspec
 
 from edge_runtime.config import Steering
 from edge_runtime.guide import Guide
-from edge_runtime.manifest import Manifest
 from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.policy.manifest import Manifest
 
 
 class Plan(msgspec.Struct, frozen=True):

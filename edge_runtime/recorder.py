@@ -38,8 +38,8 @@ from edge_runtime.log_wire import (
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.plan import Plan
+from edge_runtime.policy.weights import Array
 from edge_runtime.rate import DeadlineGrid, TimingRecord
-from edge_runtime.weights import Array
 
 OPENING_S: Final = 30.0
 CLOSING_S: Final = 5.0

@@ -12,20 +12,20 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.backend import BACKENDS
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import make_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide
-from edge_runtime.kernel import CompiledPolicy, load_kernel
 from edge_runtime.limits import Limits, limited
 from edge_runtime.log_json import encode
 from edge_runtime.log_schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation import Observer
-from edge_runtime.policy import VelocityField
+from edge_runtime.policy.backend import BACKENDS
+from edge_runtime.policy.bundle import Bundle
+from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
+from edge_runtime.policy.numpy_policy import VelocityField
 
 
 class Difference(msgspec.Struct, frozen=True):

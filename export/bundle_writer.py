@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 from onnx import ModelProto
 
-from edge_runtime.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, digest_line, load_bundle
 from edge_runtime.errors import ConfigError
-from edge_runtime.manifest import Network
-from edge_runtime.manifest_rules import GRAPH_FILE, WEIGHTS_FILE
-from edge_runtime.weight_file import pack_weights
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, digest_line, load_bundle
+from edge_runtime.policy.manifest import Network
+from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
+from edge_runtime.policy.weight_file import pack_weights
+from edge_runtime.policy.weights import FlowWeights
 from export.facts import Facts
 from export.parity import Floats, Inputs, require_parity
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.manifest import FlowStart
+from edge_runtime.policy.manifest import FlowStart
 from export.atomic import write_atomic
 from export.networks import Actor, FlowNetwork
 

@@ -8,8 +8,8 @@ from onnx import ModelProto
 
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
-from edge_runtime.manifest import Training
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.manifest import Training
+from edge_runtime.policy.weights import FlowWeights
 from export.bundle_writer import write_bundle
 from export.checkpoint import PolicyFacts, load_policy
 from export.facts import FACTS_TEMPLATE, Facts, read_facts

@@ -6,7 +6,8 @@ from typing import Final
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.manifest import (
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import (
     BUNDLE_FORMAT,
     ActionField,
     Body,
@@ -16,14 +17,13 @@ from edge_runtime.manifest import (
     ObservationField,
     Training,
 )
-from edge_runtime.manifest_rules import (
+from edge_runtime.policy.schema import (
     ACTION_UNITS,
     GRAPH_FILE,
     OBSERVATION_UNITS,
     check_manifest,
     observation_size,
 )
-from edge_runtime.motion.dynamics import Dynamics
 
 FACTS_TEMPLATE: Final = """\
 # What edge-export must know beside the graph. SI units throughout.

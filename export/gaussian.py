@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Independent, Normal
 
-from edge_runtime.weights import Activation
+from edge_runtime.policy.weights import Activation
 from export.networks import ACTIVATIONS, Actor, FlowNetwork
 
 

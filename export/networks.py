@@ -1,4 +1,4 @@
-"""Networks of training: the flow actor of ``edge_runtime.weights``, and a centralised critic."""
+"""Networks of training: the flow actor of ``edge_runtime.policy.weights``, and a centralised critic."""
 
 import math
 from itertools import pairwise
@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from edge_runtime.manifest import FlowStart
-from edge_runtime.weights import Activation, FlowWeights
+from edge_runtime.policy.manifest import FlowStart
+from edge_runtime.policy.weights import Activation, FlowWeights
 from export.moments import RunningMoments
 
 ACTIVATIONS: dict[Activation, type[nn.Module]] = {"silu": nn.SiLU, "tanh": nn.Tanh}
@@ -36,7 +36,7 @@ class Actor(nn.Module):
 
 
 class FlowNetwork(Actor):
-    """Velocity field v(a, tau | o) as stated in ``edge_runtime.weights``; observations are normalised here.
+    """Velocity field v(a, tau | o) as stated in ``edge_runtime.policy.weights``; observations are normalised here.
 
     The first layer is a sum of an observation, an action and a time part, so that one observation's part
     serves any number of noise samples and flow times.

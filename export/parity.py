@@ -10,8 +10,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from edge_runtime.agreement import TOLERANCE, largest_difference
 from edge_runtime.errors import BundleError
+from edge_runtime.policy.agreement import TOLERANCE, largest_difference
 from export.facts import Facts
 
 Floats = npt.NDArray[np.float64]

@@ -14,8 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.bundle import MANIFEST_FILE
 from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.policy.bundle import MANIFEST_FILE
 from export.checkpoint import CHECKPOINT
 from export.mafpo_warm import MafpoWarm
 from export.mappo import Mappo

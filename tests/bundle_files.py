@@ -6,8 +6,9 @@ import json
 import msgspec
 from conftest import random_weights
 
-from edge_runtime.bundle import digest_line
-from edge_runtime.manifest import (
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.bundle import digest_line
+from edge_runtime.policy.manifest import (
     BUNDLE_FORMAT,
     ActionField,
     Body,
@@ -16,8 +17,7 @@ from edge_runtime.manifest import (
     ObservationField,
     Training,
 )
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.weight_file import pack_weights
+from edge_runtime.policy.weight_file import pack_weights
 
 WEIGHTS = random_weights(observation_dim=18, hidden=(8, 6))
 MANIFEST = Manifest(

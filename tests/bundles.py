@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.bundle import DIGEST_FILE, MANIFEST_FILE, digest_line
-from edge_runtime.manifest import BUNDLE_FORMAT, ActionField, Body, Manifest, Network, ObservationField
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.weight_file import pack_weights
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, digest_line
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, ActionField, Body, Manifest, Network, ObservationField
+from edge_runtime.policy.weight_file import pack_weights
+from edge_runtime.policy.weights import FlowWeights
 
 MANIFEST = Manifest(
     format=BUNDLE_FORMAT,

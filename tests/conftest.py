@@ -11,9 +11,9 @@ import pytest
 from hypothesis import settings
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.kernel import CompiledPolicy, load_kernel
-from edge_runtime.policy import FlowPolicy
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.weights import FlowWeights
 
 # A million cases of each property: pytest -k junk --hypothesis-profile=fuzz
 settings.register_profile("fuzz", max_examples=1_000_000, deadline=None)

@@ -12,13 +12,13 @@ from pathlib import Path
 import msgspec
 from bundles import MANIFEST
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.config import load_fleet
 from edge_runtime.control_wire import ORDER_MAGIC
 from edge_runtime.fleet import LocalTeam, open_fleet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import Bundle
 from edge_runtime.rate import DeadlineGrid
 
 

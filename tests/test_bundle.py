@@ -10,10 +10,9 @@ from bundle_files import MANIFEST, WEIGHTS, edit_manifest, sign, write_bundle
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edge_runtime import bundle
-from edge_runtime.bundle import load_bundle, packaged_bundle
 from edge_runtime.errors import BundleError
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.bundle import load_bundle, packaged_bundle
+from edge_runtime.policy.numpy_policy import FlowPolicy, bundle
 
 SHA256SUM = shutil.which("sha256sum")
 FILES = ("manifest.json", "manifest.sha256", "policy.npz", "policy.onnx")

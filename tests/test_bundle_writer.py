@@ -7,10 +7,10 @@ import pytest
 from bundle_files import MANIFEST
 from conftest import random_weights
 
-from edge_runtime.agreement import TOLERANCE
-from edge_runtime.bundle import load_bundle
 from edge_runtime.errors import BundleError, ConfigError
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.agreement import TOLERANCE
+from edge_runtime.policy.bundle import load_bundle
+from edge_runtime.policy.numpy_policy import FlowPolicy
 from export import bundle_writer
 from export.bundle_writer import write_bundle
 from export.facts import Facts

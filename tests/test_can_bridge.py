@@ -16,9 +16,9 @@ import pytest
 from can_peers import guard_spec
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.manifest import ActionField, Body, Manifest
 from edge_runtime.messages import Command
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField, Body, Manifest
 from firmware_bridge.can_bridge import add_arguments, make_spec, options_from
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_frame import Frame

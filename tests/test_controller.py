@@ -5,11 +5,11 @@ from pathlib import Path
 from bundles import MANIFEST
 from conftest import random_weights
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import Bundle
 
 TEAM = TeamState(RobotState(0, 1.0, (0.0, 0.0), (0.0, 0.0)))
 

@@ -8,12 +8,12 @@ import pytest
 from bundle_files import MANIFEST, write_bundle
 from conftest import needs_kernel
 
-import edge_runtime.bundle
+import edge_runtime.policy.bundle
 from edge_runtime import doctor_policy
-from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.checkup import Verdict, examine
 from edge_runtime.doctor_policy import backend, bundle, parity
 from edge_runtime.errors import PolicyError
+from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def no_kernel(monkeypatch):
     def make_policy(*_arguments, **_options):
         raise PolicyError("the compiled kernel was not built")
 
-    monkeypatch.setattr(edge_runtime.bundle, "make_policy", make_policy)
+    monkeypatch.setattr(edge_runtime.policy.bundle, "make_policy", make_policy)
 
 
 @pytest.mark.usefixtures("no_kernel")

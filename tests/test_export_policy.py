@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from velocity_nets import Mlp, Normed, autograd, export, graph_of
 
-from edge_runtime.bundle import load_bundle
+from edge_runtime.policy.bundle import load_bundle
 from export import export_policy
 from export.checkpoint import PolicyFacts, save_policy
 from export.facts import FACTS_TEMPLATE

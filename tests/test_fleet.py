@@ -15,7 +15,6 @@ import pytest
 from bundles import MANIFEST
 from test_fleet_udp import free_port
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.control_wire import ORDER_MAGIC, Stop, encode_order
 from edge_runtime.errors import ConfigError
@@ -23,6 +22,7 @@ from edge_runtime.fleet import open_fleet
 from edge_runtime.fleet_wire import FRAME_BYTES, Frame, encode
 from edge_runtime.messages import Command, RobotState, Teammate
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import Bundle
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))
 UNREACHABLE = 2**40

@@ -18,7 +18,6 @@ from fleet_fakes import ids
 from test_fleet import Process, hostile
 from test_fleet_udp import free_port
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.checkup import Verdict
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.doctor_team import examine_team
@@ -28,6 +27,7 @@ from edge_runtime.fleet_tls import tls_files
 from edge_runtime.fleet_wire import Frame, encode
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import Bundle
 from edge_runtime.zenoh_session import session_config, topic
 
 zenoh = pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")

@@ -26,7 +26,7 @@ from edge_runtime.objectives import (
     SpatialOrder,
     SpeedLimit,
 )
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
 
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 OBJECTIVES = [

@@ -12,7 +12,7 @@ from edge_runtime.guidance import guided_action
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SafetyMargin, Spacing, SpatialOrder, SpeedLimit
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
 
 torch = pytest.importorskip("torch")
 import torch_oracle  # noqa: E402

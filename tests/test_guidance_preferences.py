@@ -15,7 +15,7 @@ from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.motion.outlook import Motion, look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
 
 LIMITS = [SpeedLimit(limit_m_s=0.2, buffer_m_s=0.01), SafetyMargin(distance_m=0.5, look_ahead=3)]
 seeds = st.integers(0, 10**6)

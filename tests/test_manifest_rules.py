@@ -3,8 +3,8 @@
 import pytest
 from bundle_files import edit_manifest, sign, write_bundle
 
-from edge_runtime.bundle import load_bundle
 from edge_runtime.errors import BundleError
+from edge_runtime.policy.bundle import load_bundle
 
 KNOWN = "must be one of position, velocity, goal_offset, proximity, ranges, nearby_samples"
 POSITIVE = "must be a finite number above 0"

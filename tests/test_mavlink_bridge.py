@@ -5,8 +5,8 @@ import msgspec
 import pytest
 
 from edge_runtime.errors import BridgeError, ConfigError
-from edge_runtime.manifest import ActionField
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guarded_bridge import GuardedBridge
 from firmware_bridge.mavlink_bridge import add_arguments, make_spec, options_from

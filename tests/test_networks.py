@@ -6,7 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 from export.distributed import Workers
 from export.networks import Critic, FlowNetwork
 

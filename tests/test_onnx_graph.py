@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch_oracle import velocity
 
-from edge_runtime.onnx_policy import OnnxPolicy
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.onnx_policy import OnnxPolicy
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
 

@@ -8,7 +8,7 @@ from conftest import random_weights
 from torch import nn
 from velocity_nets import OBSERVATION, Attention, Mlp, Normed, Residual, autograd, export, graph_of
 
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.onnx.affine import NotAnMlpError
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.graph import velocity_graph

@@ -8,8 +8,8 @@ import pytest
 from conftest import random_weights
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.onnx_policy import OnnxPolicy
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.onnx_policy import OnnxPolicy
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
 

@@ -24,12 +24,12 @@ from benchmarks.paper.tables import success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen
 from edge_runtime.batch_guidance import action_slopes
-from edge_runtime.bundle import packaged_bundle
 from edge_runtime.errors import ConfigError
 from edge_runtime.guide import GuidanceSettings, Guide
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.policy.bundle import packaged_bundle
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.scenario import Transition
 

@@ -13,7 +13,7 @@ from benchmarks.paper.methods import unguided
 from benchmarks.paper.modes import SCENES, contestants, modes_table, summed_up, two_ways
 from benchmarks.paper.modes_picture import along
 from benchmarks.paper.tasks import TASKS
-from edge_runtime.bundle import packaged_bundle
+from edge_runtime.policy.bundle import packaged_bundle
 
 EAST = np.array([[1.0, 0.0]])
 

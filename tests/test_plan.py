@@ -7,11 +7,11 @@ import pytest
 from bundles import MANIFEST, straight_weights
 from msgspec.structs import replace
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.mission import Mission
 from edge_runtime.plan import digest_of
+from edge_runtime.policy.bundle import Bundle
 
 OWN = """
 from edge_runtime.objectives import Objective, Slope

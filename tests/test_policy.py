@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.policy import FlowPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
 
 torch = pytest.importorskip("torch")
 from torch_oracle import velocity  # noqa: E402

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from edge_runtime.bundle import load_bundle
 from edge_runtime.errors import ConfigError
+from edge_runtime.policy.bundle import load_bundle
 from export.checkpoint import PolicyFacts, save_policy
 from export.export_policy import export_run
 from export.pc_mappo import PcMappo

@@ -17,7 +17,6 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from msgspec.structs import replace
 
-from edge_runtime.bundle import packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.log_folder import run_name
 from edge_runtime.log_reader import Damage, read_log
@@ -27,6 +26,7 @@ from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.plan import make_plan
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.recorder import Recorder
 from edge_runtime.replay_command import main as replay

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.bundle import packaged_bundle
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.fleet_settings import Robot
 from edge_runtime.guidance import GuidedAction
@@ -17,6 +16,7 @@ from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
 from edge_runtime.observation import Observer
+from edge_runtime.policy.bundle import packaged_bundle
 
 MARGIN_M = 0.25
 SILENT = 2

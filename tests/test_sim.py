@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from bundles import MANIFEST, straight_weights
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.mission import Mission
+from edge_runtime.policy.bundle import Bundle
 from firmware_bridge.plant import Plant
 from firmware_bridge.sim import open_bridge
 

@@ -16,11 +16,11 @@ from bundles import MANIFEST
 from test_fleet_udp import free_port
 from watch_fakes import KEY, status
 
-from edge_runtime.bundle import Bundle
 from edge_runtime.config import load_fleet
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
+from edge_runtime.policy.bundle import Bundle
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.watch.command import main
 from edge_runtime.watch.sender import RATE_HZ, StatusSender, Unwatched, open_watch

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bundle_files import MANIFEST, WEIGHTS, write_bundle
 
-from edge_runtime.bundle import load_bundle
 from edge_runtime.errors import BundleError
-from edge_runtime.weight_file import pack_weights, unpack_weights
+from edge_runtime.policy.bundle import load_bundle
+from edge_runtime.policy.weight_file import pack_weights, unpack_weights
 
 
 def arrays():

@@ -11,7 +11,7 @@ from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.weights import Activation, Array, FlowWeights
+from edge_runtime.policy.weights import Activation, Array, FlowWeights
 
 TIME_FEATURES = 16
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)

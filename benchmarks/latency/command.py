@@ -15,7 +15,7 @@ from benchmarks.latency.sweeps import CONTENDERS as SWEPT
 from benchmarks.latency.sweeps import SWEEPS
 from benchmarks.page import add_html_flag, check_writable, write_html
 from edge_runtime.errors import PolicyError
-from edge_runtime.kernel import load_kernel
+from edge_runtime.policy.compiled_policy import load_kernel
 
 RESULTS = Path(__file__).parents[1] / "results" / "latency"
 ATTEMPTS = 3

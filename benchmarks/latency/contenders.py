@@ -16,8 +16,8 @@ from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import Guide
-from edge_runtime.kernel import CompiledPolicy
-from edge_runtime.policy import FlowPolicy, VelocityField
+from edge_runtime.policy.compiled_policy import CompiledPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
 
 Tick = Callable[[], np.ndarray]
 
@@ -50,7 +50,7 @@ def compiled_step(work: Workload) -> Tick:
 
 def onnx_step(work: Workload) -> Tick:
     """The exported graph in onnxruntime, one call a step, objectives in Python."""
-    from edge_runtime.onnx_policy import OnnxPolicy  # noqa: PLC0415
+    from edge_runtime.policy.onnx_policy import OnnxPolicy  # noqa: PLC0415
     from export.onnx.graph import velocity_graph  # noqa: PLC0415
     from export.onnx.jacobian import with_jacobian  # noqa: PLC0415
 

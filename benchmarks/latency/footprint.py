@@ -13,13 +13,13 @@ from benchmarks.latency.cases import Case, workload
 
 FIRST_ACTION = """
 import sys, numpy as np
-from edge_runtime.backend import make_policy
+from edge_runtime.policy.backend import make_policy
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.guidance import guided_action
 from edge_runtime.guide import Guide, GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 stored = np.load(sys.argv[1])
 weights = FlowWeights(

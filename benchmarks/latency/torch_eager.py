@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from benchmarks.latency.cases import Workload
 from edge_runtime.motion.dynamics import Preview
 from edge_runtime.objectives import Objective, SpeedLimit
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 Cost = Callable[[Tensor], Tensor]
 TENSORS = ("position_m", "velocity_m_s", "mate_position_m", "mate_velocity_m_s", "mate_action")

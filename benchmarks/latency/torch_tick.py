@@ -10,7 +10,7 @@ from benchmarks.latency.cases import Workload
 from benchmarks.latency.torch_eager import hierarchical
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SpeedLimit
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 
 class Field(nn.Module):

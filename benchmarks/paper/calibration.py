@@ -39,7 +39,7 @@ from benchmarks.paper.judges import Flags, Judge, Outcome
 from benchmarks.paper.policies import POLICIES, load_policy
 from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import Task, balance, navigation, sampling
-from edge_runtime.bundle import Bundle
+from edge_runtime.policy.bundle import Bundle
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, SPAWN_DISTANCE_M
 from export.scenarios.scenario import Scenario, Transition

@@ -3,8 +3,8 @@
 import hashlib
 from pathlib import Path
 
-from edge_runtime.bundle import MANIFEST_FILE, Bundle, load_bundle
 from edge_runtime.errors import ConfigError
+from edge_runtime.policy.bundle import MANIFEST_FILE, Bundle, load_bundle
 
 POLICIES = Path(__file__).parents[1] / "policies"
 """The committed bundles of all seeds."""

@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations, guided
-from edge_runtime.bundle import Bundle
 from edge_runtime.guide import GuidanceSettings
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
+from edge_runtime.policy.bundle import Bundle
 
 Rows = npt.NDArray[np.int64]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.weights import Activation, Array, FlowWeights
+from edge_runtime.policy.weights import Activation, Array, FlowWeights
 
 Floats = npt.NDArray[np.float64]
 

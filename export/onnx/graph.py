@@ -4,7 +4,7 @@ import numpy as np
 import onnx
 from onnx import ModelProto, TensorProto, helper
 
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 from export.onnx.nodes import BATCH, NodeWriter
 
 OPSET, IR_VERSION = 17, 8
@@ -12,7 +12,7 @@ OPSET, IR_VERSION = 17, 8
 
 
 def velocity_graph(weights: FlowWeights) -> ModelProto:
-    """Write the network of ``edge_runtime.weights`` as a graph of standard operators."""
+    """Write the network of ``edge_runtime.policy.weights`` as a graph of standard operators."""
     writer = NodeWriter("flow")
     # The runtime computes what depends on flow time in double precision; so does the graph.
     tau = writer.op("Cast", "tau", to=TensorProto.DOUBLE)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from onnx import ModelProto, NodeProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
-from edge_runtime.weights import Activation, FlowWeights
+from edge_runtime.policy.weights import Activation, FlowWeights
 from export.onnx.affine import (
     Affine,
     Floats,

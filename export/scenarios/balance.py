@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from edge_runtime.manifest import ActionField, Body, ObservationField
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField, Body, ObservationField
 from export.scenarios.balance_starts import (
     LINE_LENGTH_M,
     PACKAGE_RADIUS_M,

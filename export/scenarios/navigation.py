@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from edge_runtime.manifest import ActionField, Body, ObservationField
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField, Body, ObservationField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
 
 with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement for its successor

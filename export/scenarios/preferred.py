@@ -15,8 +15,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from edge_runtime.manifest import ObservationField
 from edge_runtime.objectives import Objective
+from edge_runtime.policy.manifest import ObservationField
 from export.scenarios.scenario import EpisodeMetrics, Scenario, ScenarioFacts, Transition
 from export.scenarios.violations import violations
 

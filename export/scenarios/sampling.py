@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from edge_runtime.manifest import ActionField, Body, ObservationField
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField, Body, ObservationField
 from export.scenarios.lidar import disc_ranges
 from export.scenarios.sample_field import BUMPS, HALF_WIDTH_M, SampleField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition

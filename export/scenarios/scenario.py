@@ -6,8 +6,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from edge_runtime.manifest import ActionField, Body, ObservationField
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import ActionField, Body, ObservationField
 
 
 @dataclass(frozen=True)

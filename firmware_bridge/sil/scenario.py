@@ -10,7 +10,6 @@ from typing import Literal
 
 import msgspec
 
-from edge_runtime.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.common.toml_file import Table, read_toml, refuse
 from edge_runtime.config import Fleet, load_fleet
@@ -18,6 +17,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Robot
 from edge_runtime.messages import Vector2
 from edge_runtime.mission import adapted
+from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from firmware_bridge.can_profile import load_profile, profile_path
 from firmware_bridge.sil.can_node import PROFILE
 from firmware_bridge.sil.faults import AnyFault, ClockJump, NetworkFault, load_faults

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edge_runtime.manifest import Manifest
 from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Floats
+from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.frames import rotate, wrap
 from firmware_bridge.plant import contact_forces
 

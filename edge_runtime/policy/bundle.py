@@ -11,18 +11,18 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.backend import Backend, make_policy
 from edge_runtime.errors import BundleError, PolicyError
-from edge_runtime.manifest import Manifest
-from edge_runtime.manifest_rules import GRAPH_FILE, WEIGHTS_FILE, check_manifest
-from edge_runtime.onnx_policy import OnnxPolicy
-from edge_runtime.policy import FlowPolicy, VelocityField
-from edge_runtime.weight_file import unpack_weights
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.backend import Backend, make_policy
+from edge_runtime.policy.manifest import Manifest
+from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
+from edge_runtime.policy.onnx_policy import OnnxPolicy
+from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE, check_manifest
+from edge_runtime.policy.weight_file import unpack_weights
+from edge_runtime.policy.weights import FlowWeights
 
 MANIFEST_FILE: Final = "manifest.json"
 DIGEST_FILE: Final = "manifest.sha256"
-PACKAGED: Final = Path(__file__).parent / "policies"
+PACKAGED: Final = Path(__file__).parents[1] / "bundles"
 
 
 @dataclass(frozen=True)

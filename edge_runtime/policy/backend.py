@@ -7,9 +7,9 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.kernel import CompiledPolicy
-from edge_runtime.policy import FlowPolicy
-from edge_runtime.weights import FlowWeights
+from edge_runtime.policy.compiled_policy import CompiledPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.weights import FlowWeights
 
 Backend = Literal["auto", "numpy", "compiled"]
 BACKENDS: Final[tuple[Backend, ...]] = get_args(Backend)

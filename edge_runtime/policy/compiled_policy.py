@@ -1,7 +1,7 @@
 """The velocity field in compiled C: `CompiledPolicy`, and the guided flow with the built-in objectives.
 
 ``_kernel.c`` is built with the package where a compiler is found; without it this module still imports,
-and `CompiledPolicy` raises. `edge_runtime.backend` chooses between it and numpy.
+and `CompiledPolicy` raises. `edge_runtime.policy.backend` chooses between it and numpy.
 """
 
 import importlib
@@ -17,8 +17,8 @@ from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.policy.weights import Array, FlowWeights
 from edge_runtime.projection import Projection
-from edge_runtime.weights import Array, FlowWeights
 
 PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")
 """In the order of the enumeration in ``_kernel_guidance.h``."""

@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.weights import Activation
+from edge_runtime.policy.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"
 RATE_HZ = (1.0, 1000.0)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.weights import Array
+from edge_runtime.policy.weights import Array
 
 
 class _Tensor(Protocol):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numpy import add, multiply, subtract, tanh
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.weights import Array, FlowWeights
+from edge_runtime.policy.weights import Array, FlowWeights
 
 
 class VelocityField(Protocol):

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import BundleError
-from edge_runtime.manifest import Manifest
-from edge_runtime.weights import Array, FlowWeights
+from edge_runtime.policy.manifest import Manifest
+from edge_runtime.policy.weights import Array, FlowWeights
 
 
 def pack_weights(weights: FlowWeights) -> bytes:

@@ -5,8 +5,8 @@ import re
 from typing import Final, NoReturn
 
 from edge_runtime.errors import BundleError
-from edge_runtime.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Network, Training
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Network, Training
 
 OBSERVATION_UNITS: Final = {
     "position": "m",
