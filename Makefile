@@ -7,7 +7,7 @@ OLDEST ?= $(shell for p in python3.10 "$$HOME"/.pyenv/versions/3.10*/bin/python;
 OLDEST_VENV := .venv-3.10
 PEERS := tests/peers/node_modules
 WIRE := $(wildcard tests/test_guard*.py tests/test_can_*.py tests/test_mavlink_*.py)
-SOURCES := pyproject.toml $(wildcard edge_runtime/_kernel*.[ch])
+SOURCES := pyproject.toml $(wildcard edge_runtime/policy/_kernel*.[ch])
 
 .PHONY: run test lint types unit budgets sil coverage fuzz socketcan chromium peers mutants oldest clean
 

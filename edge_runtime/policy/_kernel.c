@@ -309,7 +309,7 @@ static PyMethodDef network_methods[] = {
     {0}};
 
 static PyTypeObject network_type = {
-    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "edge_runtime._kernel.Network",
+    PyVarObject_HEAD_INIT(NULL, 0).tp_name = "edge_runtime.policy._kernel.Network",
     .tp_basicsize = sizeof(NetworkObject),
     .tp_dealloc = (destructor)network_dealloc,
     .tp_flags = Py_TPFLAGS_DEFAULT,

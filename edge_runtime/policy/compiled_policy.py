@@ -77,7 +77,7 @@ def load_kernel() -> _Kernel:
         PolicyError: if it was not built or does not load.
     """
     try:
-        kernel: _Kernel = importlib.import_module("edge_runtime._kernel")
+        kernel: _Kernel = importlib.import_module("edge_runtime.policy._kernel")
     except ImportError as error:
         raise PolicyError(
             f"the compiled kernel is not usable ({error}); install a C compiler and reinstall cfpg-edge, "
