@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.observation import observe_batch

@@ -15,7 +15,7 @@ import numpy as np
 from rich.progress import Progress
 
 from benchmarks.episodes import Episodes, run_episodes
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import load_bundle, packaged_bundle
 

@@ -12,7 +12,7 @@ from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.zenoh_settings import check_zenoh

@@ -15,11 +15,11 @@ from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_settings import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Carrier, UdpCarrier
+from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.orders import Orders
-from edge_runtime.plan import Plan
 from edge_runtime.stream_wire import Kind
 from edge_runtime.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 

@@ -13,9 +13,9 @@ from edge_runtime.fleet_report import FleetReport, Traffic
 from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_udp import Carrier, Datagram
 from edge_runtime.fleet_wire import FrameError, Refusal, decode, encode
+from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.order_desk import OrderDesk
-from edge_runtime.plan import Plan
 from edge_runtime.stream_wire import STREAM_MAGIC
 from edge_runtime.streams import Streams
 from edge_runtime.team_tick import TeamTick

@@ -63,7 +63,7 @@ class Following(msgspec.Struct, frozen=True, gc=False):
 
     version: int = 0
     digest: int = 0
-    """See `edge_runtime.plan.digest_of`."""
+    """See `edge_runtime.guidance.plan.digest_of`."""
     next_digest: int = 0
     next_tick: int = 0
     """From this tick of the team on it follows the next ones; 0 if none are agreed."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from edge_runtime.common.realtime import in_realtime
 from edge_runtime.controller import Controller
+from edge_runtime.guidance.plan import Plan
 from edge_runtime.log_schema import (
     LOG_FORMAT,
     BundleIdentity,
@@ -28,7 +29,6 @@ from edge_runtime.log_schema import (
 )
 from edge_runtime.mission import Mission
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.plan import Plan
 
 
 def make_start(mission: Mission, controller: Controller, run: str, *, bridge: str, dry_run: bool) -> Start:

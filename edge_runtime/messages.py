@@ -39,7 +39,7 @@ class TeamState(msgspec.Struct, frozen=True):
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):
-    """One sampled action and what happened on the way; see `edge_runtime.guidance`."""
+    """One sampled action and what happened on the way; see `edge_runtime.guidance.flow`."""
 
     action: Vector2
     steps: int

@@ -10,10 +10,10 @@ from edge_runtime.config import Fleet, Steering, parse_steering
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import Robot
+from edge_runtime.guidance.plan import Plan, make_plan
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import Observer
-from edge_runtime.plan import Plan, make_plan
 from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import Bundle
 

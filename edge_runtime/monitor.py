@@ -6,7 +6,7 @@ from collections import Counter
 from typing import Final
 
 from edge_runtime.config import Fleet
-from edge_runtime.guidance import GuidedAction
+from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState, TeamState
 
 SETTLE_S: Final = 2.0

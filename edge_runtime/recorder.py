@@ -21,6 +21,7 @@ import msgspec
 from edge_runtime.common.child import start_child
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
+from edge_runtime.guidance.plan import Plan
 from edge_runtime.log_flags import make_log_plan
 from edge_runtime.log_ring import Ring, open_ring_memory
 from edge_runtime.log_schema import End
@@ -37,7 +38,6 @@ from edge_runtime.log_wire import (
 )
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.mission import Mission
-from edge_runtime.plan import Plan
 from edge_runtime.policy.weights import Array
 from edge_runtime.rate import DeadlineGrid, TimingRecord
 

@@ -7,8 +7,8 @@ from conftest import needs_kernel
 
 from benchmarks.paper.judges import motion
 from benchmarks.paper.tasks import TASKS
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import packaged_bundle
 from export.scenarios import make_scenario

@@ -8,7 +8,7 @@ import pytest
 from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_settings import CarrierSettings
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 ROBOT_KEYS = (

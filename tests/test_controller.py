@@ -6,7 +6,7 @@ from bundles import MANIFEST
 from conftest import random_weights
 
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle

@@ -10,9 +10,9 @@ import pytest
 import scipy.integrate
 from conftest import random_weights
 
-from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide, Mode
+from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide, Mode
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import TeamBatch

@@ -8,8 +8,8 @@ import pytest
 from conftest import random_weights
 from test_guidance import DYNAMICS, OBJECTIVES, random_team
 
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SafetyMargin, Spacing, SpatialOrder, SpeedLimit
 from edge_runtime.policy.numpy_policy import FlowPolicy

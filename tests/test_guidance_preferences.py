@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_guidance import DYNAMICS, UNIT, WISHES, Quadratic, gaussian_flow, random_team
 
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.motion.outlook import Motion, look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit

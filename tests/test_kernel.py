@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from test_guidance import DYNAMICS, random_team
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide, Mode
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.projection import PLANAR
+from edge_runtime.guidance.settings import GuidanceSettings, Guide, Mode
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.backend import make_policy
 from edge_runtime.policy.compiled_policy import PROJECTIONS, CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy, backend
 from edge_runtime.policy.numpy_policy import compiled_policy as kernel
-from edge_runtime.projection import PLANAR
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import torch
 from torch.distributions import MultivariateNormal
 
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import load_bundle

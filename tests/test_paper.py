@@ -23,9 +23,9 @@ from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tables import success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen
-from edge_runtime.batch_guidance import action_slopes
 from edge_runtime.errors import ConfigError
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.batch import action_slopes
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SafetyMargin, SpeedLimit

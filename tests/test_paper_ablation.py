@@ -26,12 +26,12 @@ from benchmarks.paper.rows import Row
 from benchmarks.paper.samples import action_costs, best_of, cheapest, mates_actions
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.views import rows_of, uninformed
-from edge_runtime.batch_guidance import action_slopes
 from edge_runtime.errors import ConfigError
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.batch import action_slopes
+from edge_runtime.guidance.projection import hierarchical_batch
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.policy.bundle import packaged_bundle
-from edge_runtime.projection import hierarchical_batch
 from export.scenarios import make_scenario
 
 CPU = torch.device("cpu")

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_guidance import gaussian_flow
 
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Passing, SpatialOrder

@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet, load_steering
 from edge_runtime.errors import ConfigError
+from edge_runtime.guidance.plan import digest_of
 from edge_runtime.mission import Mission
-from edge_runtime.plan import digest_of
 from edge_runtime.policy.bundle import Bundle
 
 OWN = """

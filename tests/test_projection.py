@@ -8,7 +8,7 @@ import scipy.optimize
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from edge_runtime.projection import (
+from edge_runtime.guidance.projection import (
     BATCH,
     PLANAR,
     cone,

@@ -10,7 +10,7 @@ from conftest import needs_kernel
 from logs import record, ticks, with_tick, write
 from msgspec.structs import replace
 
-from edge_runtime.guidance import guided_action
+from edge_runtime.guidance.flow import guided_action
 from edge_runtime.log_reader import read_log
 from edge_runtime.log_schema import ObjectiveSet, Start, Tick
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle

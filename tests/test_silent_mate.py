@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from edge_runtime.config import DEFAULT_FLEET, load_fleet
 from edge_runtime.fleet_settings import Robot
-from edge_runtime.guidance import GuidedAction
+from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor

@@ -9,7 +9,7 @@ from bundles import MANIFEST, straight_weights
 
 from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.errors import ConfigError
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle

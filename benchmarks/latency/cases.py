@@ -6,7 +6,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import Floats, TeamBatch

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.latency.cases import Workload
-from edge_runtime.batch_guidance import guided_actions
 from edge_runtime.errors import PolicyError
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import Guide
+from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import Guide
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
 

@@ -15,8 +15,8 @@ FIRST_ACTION = """
 import sys, numpy as np
 from edge_runtime.policy.backend import make_policy
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import Guide, GuidanceSettings
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import Guide, GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.weights import FlowWeights

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from edge_runtime.batch_guidance import action_slopes
-from edge_runtime.guide import Guide
+from edge_runtime.guidance.batch import action_slopes
+from edge_runtime.guidance.settings import Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch
 
 

@@ -16,7 +16,7 @@ from benchmarks.paper.contestants import (
     unguided_gaussian,
 )
 from benchmarks.paper.tasks import Task
-from edge_runtime.guide import GuidanceSettings, Mode
+from edge_runtime.guidance.settings import GuidanceSettings, Mode
 
 SCALES = (0.3, 1.0, 3.0, 10.0, 20.0, 30.0, 60.0, 100.0)
 ROUNDS = (1, 2, 3, 5, 10, 20, 50, 100)

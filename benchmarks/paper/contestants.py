@@ -10,7 +10,7 @@ from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend,
 from benchmarks.paper.episodes import MakeDecide
 from benchmarks.paper.methods import guided, post_processed, preferring
 from benchmarks.paper.tasks import Task
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import Objective
 
 

@@ -5,8 +5,8 @@ import time
 import numpy as np
 
 from benchmarks.paper.tasks import Task
-from edge_runtime.guidance import guided_action
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.numpy_policy import FlowPolicy

@@ -7,9 +7,9 @@ that decide on their own do not have: for comparison only.
 
 from functools import partial
 
-from edge_runtime.guide import Guide
+from edge_runtime.guidance.projection import BatchCombine
+from edge_runtime.guidance.settings import Guide
 from edge_runtime.motion.outlook import Floats
-from edge_runtime.projection import BatchCombine
 
 
 def jointly(robots: int, guide: Guide) -> Guide:

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
-from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle

@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
 from benchmarks.paper.views import rows_of
-from edge_runtime.batch_guidance import guided_actions
-from edge_runtime.guide import GuidanceSettings, Guide
+from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle

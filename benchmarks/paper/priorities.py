@@ -1,6 +1,6 @@
 """Guides that rank objectives otherwise than the objectives themselves do, at tau = 1."""
 
-from edge_runtime.guide import Guide
+from edge_runtime.guidance.settings import Guide
 
 
 def all_required(guide: Guide) -> Guide:

@@ -12,7 +12,7 @@ from benchmarks.paper.methods import guided, post_processed
 from benchmarks.paper.priorities import all_preferred, all_required
 from benchmarks.paper.samples import best_of
 from benchmarks.paper.tasks import Task
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import Objective
 from export.scenarios import scenario_facts
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations, guided
-from edge_runtime.guide import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle

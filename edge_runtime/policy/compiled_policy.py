@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import PolicyError
+from edge_runtime.guidance.projection import Projection
 from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.policy.weights import Array, FlowWeights
-from edge_runtime.projection import Projection
 
 PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")
 """In the order of the enumeration in ``_kernel_guidance.h``."""
@@ -26,7 +26,7 @@ MAX_TERMS: Final = 32
 
 
 class Sample(NamedTuple):
-    """What the compiled flow returns; compare `edge_runtime.guidance.GuidedAction`."""
+    """What the compiled flow returns; compare `edge_runtime.guidance.flow.GuidedAction`."""
 
     action: Vector2
     steps: int

@@ -7,10 +7,10 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.guidance.projection import BATCH, PLANAR, Projection
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.compiled_policy import MAX_TERMS, encodable
-from edge_runtime.projection import BATCH, PLANAR, Projection
 
 Mode = Literal["none", "hierarchical", "cone", "terminal"]
 """``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""

@@ -1,4 +1,4 @@
-"""`edge_runtime.guidance` for B robots at once, in numpy: for evaluations and simulated teams.
+"""`edge_runtime.guidance.flow` for B robots at once, in numpy: for evaluations and simulated teams.
 
 The mathematics and its reasons stand there; a test holds the two together.
 """
@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
+from edge_runtime.guidance.projection import cone_batch
+from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.policy.numpy_policy import VelocityField
-from edge_runtime.projection import cone_batch
 
 
 def guided_actions(

@@ -17,7 +17,7 @@ in Newton steps for costs in squared action units, whatever eta and however cont
 Preferences (formations, clusters) are wishes: they move the action by ``reach`` at most, and robots that
 carry or explore can go on. Requirements (speed, distance, fences) have the last word, and no limit.
 
-This is the control loop's form, for one planar robot; `edge_runtime.batch_guidance` serves B robots.
+This is the control loop's form, for one planar robot; `edge_runtime.guidance.batch` serves B robots.
 """
 
 import math
@@ -27,13 +27,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guide import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
+from edge_runtime.guidance.projection import cone, harmonize, project_onto_nominal, weighted_sum
+from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.motion.outlook import Motion, Outlook, look_ahead
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.compiled_policy import CompiledPolicy, encode
 from edge_runtime.policy.numpy_policy import VelocityField
-from edge_runtime.projection import cone, harmonize, project_onto_nominal, weighted_sum
 
 __all__ = ["GuidedAction", "guided_action"]
 

@@ -1,0 +1,1 @@
+"""Steering the flow: settings, projections, and `flow`, the method on one page."""
