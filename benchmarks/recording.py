@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.page import add_html_flag, check_writable, table, write_html
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
 from edge_runtime.log_folder import run_name

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from functools import partial
 
 from edge_runtime.checkup import Finding, examine, fail, ok
+from edge_runtime.config.network import Endpoint, Robot, endpoint
 from edge_runtime.fleet import Alone, open_fleet
-from edge_runtime.fleet_settings import Endpoint, Robot, endpoint
 from edge_runtime.mission import Mission
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
-from edge_runtime.config import DEFAULT_FLEET, Fleet, load_fleet, load_steering
+from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet, load_steering
+from edge_runtime.config.network import Robot
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import Robot
 from edge_runtime.log_flags import add_log_flags
 from edge_runtime.mission import Mission, adapted
 from edge_runtime.policy.backend import BACKENDS

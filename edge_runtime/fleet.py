@@ -8,11 +8,11 @@ from typing import Final, Protocol
 
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import refuse
-from edge_runtime.config import Fleet
+from edge_runtime.config.fleet import Fleet
+from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_report import FleetReport
 from edge_runtime.fleet_session import random_nonce
-from edge_runtime.fleet_settings import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Carrier, UdpCarrier
 from edge_runtime.guidance.plan import Plan

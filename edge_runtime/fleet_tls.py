@@ -11,8 +11,8 @@ from typing import Any, Final
 import msgspec
 
 from edge_runtime.common.key_file import read_private
+from edge_runtime.config.network import TlsSettings
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import TlsSettings
 
 ROUTER: Final = "router"
 """The common name in a router's certificate."""

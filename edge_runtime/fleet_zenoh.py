@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any, Final
 
-from edge_runtime.config import Fleet
+from edge_runtime.config.fleet import Fleet
+from edge_runtime.config.network import CarrierSettings
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import CarrierSettings
 from edge_runtime.fleet_tls import tls_files
 from edge_runtime.fleet_udp import DRAIN, Datagram, UdpCarrier
 from edge_runtime.fleet_wire import FRAME_BYTES, MAGIC

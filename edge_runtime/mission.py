@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.config import Fleet, Steering, parse_steering
+from edge_runtime.config.fleet import Fleet, Steering, parse_steering
+from edge_runtime.config.network import Robot
 from edge_runtime.controller import Controller
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import Robot
 from edge_runtime.guidance.plan import Plan, make_plan
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import BUILT_IN, Objective

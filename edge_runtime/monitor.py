@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from typing import Final
 
-from edge_runtime.config import Fleet
+from edge_runtime.config.fleet import Fleet
 from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState, TeamState
 

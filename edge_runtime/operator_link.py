@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
+from edge_runtime.config.network import Endpoint
 from edge_runtime.control_wire import (
     PACKET_BYTES,
     Abort,
@@ -20,7 +21,6 @@ from edge_runtime.control_wire import (
     encode_order,
 )
 from edge_runtime.fleet_session import random_nonce
-from edge_runtime.fleet_settings import Endpoint
 from edge_runtime.fleet_wire import FrameError
 
 RETRY_S: Final = 0.04

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.config import make_steering
+from edge_runtime.config.fleet import make_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import GuidanceSettings, Guide

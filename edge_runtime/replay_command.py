@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.common.command_line import CommandParser, need
-from edge_runtime.config import Steering, load_steering
+from edge_runtime.config.fleet import Steering, load_steering
 from edge_runtime.errors import BundleError, ConfigError, EdgeError
 from edge_runtime.log_reader import Damage, read_log
 from edge_runtime.log_schema import ObjectiveSet, Record, Start, Tick

@@ -7,9 +7,9 @@ import time
 from collections.abc import Collection, Mapping
 from typing import Final
 
+from edge_runtime.config.network import Endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_session import Session, random_nonce
-from edge_runtime.fleet_settings import Endpoint
 from edge_runtime.fleet_wire import FrameError, Refusal
 from edge_runtime.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
 

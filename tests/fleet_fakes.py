@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bundles import MANIFEST
 
-from edge_runtime.config import Steering, parse_steering
+from edge_runtime.config.fleet import Steering, parse_steering
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Datagram
 from edge_runtime.guidance.plan import make_plan

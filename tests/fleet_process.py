@@ -13,7 +13,7 @@ import msgspec
 from bundles import MANIFEST
 
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.config import load_fleet
+from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control_wire import ORDER_MAGIC
 from edge_runtime.fleet import LocalTeam, open_fleet
 from edge_runtime.messages import Command, RobotState

@@ -7,7 +7,7 @@ import pytest
 import torch
 from literal_dynamics import drive
 
-from edge_runtime.config import load_steering
+from edge_runtime.config.fleet import load_steering
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet, load_steering
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet, load_steering
+from edge_runtime.config.network import CarrierSettings
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import CarrierSettings
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from bundles import MANIFEST
 from conftest import random_weights
 
-from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission

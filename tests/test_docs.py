@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from benchmarks.__main__ import COMMANDS as BENCHMARKS
-from edge_runtime.config import load_fleet, load_steering
+from edge_runtime.config.fleet import load_fleet, load_steering
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import check_gradient
 

@@ -15,7 +15,7 @@ import pytest
 from bundles import MANIFEST
 from test_fleet_udp import free_port
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control_wire import ORDER_MAGIC, Stop, encode_order
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import open_fleet

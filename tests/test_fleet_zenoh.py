@@ -19,7 +19,7 @@ from test_fleet import Process, hostile
 from test_fleet_udp import free_port
 
 from edge_runtime.checkup import Verdict
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.doctor_team import examine_team
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import Alone, open_fleet

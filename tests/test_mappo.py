@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.distributions import MultivariateNormal
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.mission import Mission

@@ -2,7 +2,7 @@
 
 import math
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.monitor import SETTLE_S, Monitor

@@ -8,7 +8,7 @@ from fleet_fakes import KEY, OPERATOR, PERIOD_S, Network, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.config import Steering
+from edge_runtime.config.fleet import Steering
 from edge_runtime.control_wire import (
     Abort,
     Ask,

@@ -12,9 +12,9 @@ from natnet_packets import frame, rigid_body, server_info
 from test_fleet import mission, robot
 from test_fleet_udp import free_port
 
+from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import Alone, open_fleet
-from edge_runtime.fleet_settings import endpoint
 from edge_runtime.messages import RobotState
 from edge_runtime.pose import command
 from edge_runtime.pose.feeds import NatNetFeed

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.config import load_steering
+from edge_runtime.config.fleet import load_steering
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.objectives.gradient_check import GradientReport
 

@@ -17,7 +17,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from msgspec.structs import replace
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.guidance.plan import make_plan
 from edge_runtime.log_folder import run_name
 from edge_runtime.log_reader import Damage, read_log

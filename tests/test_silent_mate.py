@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.config import DEFAULT_FLEET, load_fleet
-from edge_runtime.fleet_settings import Robot
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.network import Robot
 from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission

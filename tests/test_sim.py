@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bundles import MANIFEST, straight_weights
 
-from edge_runtime.config import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import Command, TeamState

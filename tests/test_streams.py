@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from test_fleet import mission, robot
 from test_fleet_udp import free_port
 
-from edge_runtime.config import load_fleet
+from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import Alone, open_fleet
-from edge_runtime.fleet_settings import endpoint
 from edge_runtime.fleet_udp import Datagram
 from edge_runtime.fleet_wire import FrameError, Refusal
 from edge_runtime.frame_turn import turned

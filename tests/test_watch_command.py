@@ -16,7 +16,7 @@ from bundles import MANIFEST
 from test_fleet_udp import free_port
 from watch_fakes import KEY, status
 
-from edge_runtime.config import load_fleet
+from edge_runtime.config.fleet import load_fleet
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor

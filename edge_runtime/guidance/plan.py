@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.config import Steering
+from edge_runtime.config.fleet import Steering
 from edge_runtime.guidance.settings import Guide
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import Manifest

@@ -11,9 +11,9 @@ from edge_runtime.common.command_line import CommandParser
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
-from edge_runtime.config import Fleet, load_fleet
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.errors import ConfigError, EdgeError
-from edge_runtime.fleet_settings import Endpoint, endpoint
 from edge_runtime.pose.feeds import NatNetFeed, replay
 from edge_runtime.pose.recording import Sample, read_recording
 from edge_runtime.stream_host import StreamHost

@@ -15,9 +15,9 @@ from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
-from edge_runtime.config import Fleet, load_fleet
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.network import endpoint
 from edge_runtime.errors import EdgeError
-from edge_runtime.fleet_settings import endpoint
 from edge_runtime.watch import plain
 from edge_runtime.watch.team import WatchedTeam, arrived, listen
 

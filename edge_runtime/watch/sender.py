@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from edge_runtime.common.key_file import read_key
-from edge_runtime.config import Steering
-from edge_runtime.fleet_settings import Endpoint, endpoint
+from edge_runtime.config.fleet import Steering
+from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor

@@ -8,8 +8,8 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.config.network import Endpoint
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import Endpoint
 from edge_runtime.watch.status import LONGEST, Status, StatusError, decode
 
 SILENT_S: Final = 1.0

@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeAlias, cast, get_args
 import msgspec
 
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
-from edge_runtime.config import load_steering
+from edge_runtime.config.fleet import load_steering
 
 MOST_HOGS: Final = 64
 LARGEST: Final = 1e7

@@ -19,7 +19,7 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.config import load_fleet
+from edge_runtime.config.fleet import load_fleet
 from firmware_bridge.sil.can_node import CanNode
 from firmware_bridge.sil.faults import AnyFault, CorruptFrames, NanPose, StalePose
 from firmware_bridge.sil.mavlink_node import MavlinkNode

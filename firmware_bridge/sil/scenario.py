@@ -12,9 +12,9 @@ import msgspec
 
 from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.common.toml_file import Table, read_toml, refuse
-from edge_runtime.config import Fleet, load_fleet
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.network import Robot
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import Robot
 from edge_runtime.messages import Vector2
 from edge_runtime.mission import adapted
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle

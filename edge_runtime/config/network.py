@@ -27,7 +27,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     neighbours: tuple[int, ...] | None = None
     """Ids of the robots that it listens to; all others where None."""
     policy: str | None = None
-    """Its policy, where that is not the team's; see `edge_runtime.config.Team.policy`."""
+    """Its policy, where that is not the team's; see `edge_runtime.config.fleet.Team.policy`."""
     mass_kg: float | None = None
     """Of its dynamics; the policy's where None."""
     drag: float | None = None

@@ -10,16 +10,16 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
+from edge_runtime.config.network import CarrierSettings, Robot, WatchSettings, check_network
+from edge_runtime.config.zenoh import check_zenoh
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_settings import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import RATE_HZ
-from edge_runtime.zenoh_settings import check_zenoh
 
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""
-DEFAULT_FLEET: Final = Path(__file__).parent / "fleets" / "navigation.toml"
+DEFAULT_FLEET: Final = Path(__file__).parents[1] / "fleets" / "navigation.toml"
 
 
 class Steering(msgspec.Struct, frozen=True):

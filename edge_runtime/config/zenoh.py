@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edge_runtime.common.toml_file import refuse
-from edge_runtime.fleet_settings import CarrierSettings, Robot, endpoint
+from edge_runtime.config.network import CarrierSettings, Robot, endpoint
 
 
 def check_zenoh(path: Path, carrier: CarrierSettings | None, robots: Sequence[Robot]) -> None:
