@@ -15,7 +15,7 @@ from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.observation import observe_batch
+from edge_runtime.observation.observer import observe_batch
 from edge_runtime.policy.bundle import Bundle
 from export.scenarios.navigation import FACTS, Navigation
 

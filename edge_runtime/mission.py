@@ -13,7 +13,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.plan import Plan, make_plan
 from edge_runtime.limits import Limits
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.observation import Observer
+from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import Bundle
 

@@ -21,7 +21,7 @@ from edge_runtime.log_json import encode
 from edge_runtime.log_schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
-from edge_runtime.observation import Observer
+from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel

@@ -7,7 +7,7 @@ import torch
 import vmas
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.observation import Observer
+from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.schema import GRAPH_FILE, check_manifest
 from export.facts import Facts
 from export.scenarios import make_scenario

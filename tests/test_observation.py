@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.outlook import TeamBatch
-from edge_runtime.observation import Observer, disc_ranges, observe_batch, ray_directions
+from edge_runtime.observation.observer import Observer, disc_ranges, observe_batch, ray_directions
 from edge_runtime.policy.manifest import ObservationField
 
 TEAMS, ROBOTS = 400, 4

@@ -15,7 +15,7 @@ from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.mission import Mission
 from edge_runtime.monitor import Monitor
-from edge_runtime.observation import Observer
+from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.bundle import packaged_bundle
 
 MARGIN_M = 0.25

@@ -1,0 +1,1 @@
+"""From a robot's view of its team to the policy's input."""
