@@ -7,8 +7,8 @@ import threading
 from pathlib import Path
 from typing import TextIO
 
-from edge_runtime.monitor import SETTLE_S, Monitor
-from edge_runtime.rate import DeadlineGrid
+from edge_runtime.control.monitor import SETTLE_S, Monitor
+from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1

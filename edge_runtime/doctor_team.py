@@ -6,8 +6,8 @@ from functools import partial
 
 from edge_runtime.checkup import Finding, examine, fail, ok
 from edge_runtime.config.network import Endpoint, Robot, endpoint
+from edge_runtime.control.mission import Mission
 from edge_runtime.fleet import Alone, open_fleet
-from edge_runtime.mission import Mission
 
 
 def examine_team(mission: Mission, *, simulated: bool) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_report import FleetReport
 from edge_runtime.fleet_session import random_nonce
@@ -17,7 +18,6 @@ from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.fleet_udp import Carrier, UdpCarrier
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
-from edge_runtime.mission import Mission
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.orders import Orders
 from edge_runtime.stream_wire import Kind

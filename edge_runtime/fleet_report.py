@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from edge_runtime.rate import Percentiles
+from edge_runtime.control.rate import Percentiles
 
 
 class FleetReport(msgspec.Struct, frozen=True):

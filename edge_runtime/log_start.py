@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from edge_runtime.common.realtime import in_realtime
-from edge_runtime.controller import Controller
+from edge_runtime.control.controller import Controller
+from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.log_schema import (
     LOG_FORMAT,
@@ -27,7 +28,6 @@ from edge_runtime.log_schema import (
     Start,
     Versions,
 )
-from edge_runtime.mission import Mission
 from edge_runtime.objectives import BUILT_IN, Objective
 
 

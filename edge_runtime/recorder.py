@@ -19,7 +19,9 @@ from typing import Final, TypeVar
 import msgspec
 
 from edge_runtime.common.child import start_child
-from edge_runtime.controller import Controller
+from edge_runtime.control.controller import Controller
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.log_flags import make_log_plan
@@ -37,9 +39,7 @@ from edge_runtime.log_wire import (
     tick_packet,
 )
 from edge_runtime.messages import Command, GuidedAction, TeamState
-from edge_runtime.mission import Mission
 from edge_runtime.policy.weights import Array
-from edge_runtime.rate import DeadlineGrid, TimingRecord
 
 OPENING_S: Final = 30.0
 CLOSING_S: Final = 5.0

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 
 from edge_runtime.config.fleet import make_steering
+from edge_runtime.control.limits import Limits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import GuidanceSettings, Guide
-from edge_runtime.limits import Limits, limited
 from edge_runtime.log_json import encode
 from edge_runtime.log_schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
 from edge_runtime.messages import Command, GuidedAction

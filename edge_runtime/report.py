@@ -4,12 +4,12 @@ import math
 
 import msgspec
 
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.monitor import Monitor
+from edge_runtime.control.rate import DeadlineGrid, Percentiles, TimingRecord
 from edge_runtime.fleet_report import FleetReport
 from edge_runtime.log_wire import LogReport
-from edge_runtime.mission import Mission
-from edge_runtime.monitor import Monitor
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
-from edge_runtime.rate import DeadlineGrid, Percentiles, TimingRecord
 
 
 class RobotReport(msgspec.Struct, frozen=True):

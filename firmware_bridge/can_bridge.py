@@ -4,8 +4,8 @@ import argparse
 
 import msgspec
 
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.mission import Mission
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.can_codec import CanCodec
 from firmware_bridge.can_feedback import Pose

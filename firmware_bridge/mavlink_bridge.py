@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.common.key_file import read_key
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
-from edge_runtime.mission import Mission
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard_link import Limits
 from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from

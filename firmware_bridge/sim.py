@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
-from edge_runtime.controller import Controller
+from edge_runtime.control.controller import Controller
+from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector2
-from edge_runtime.mission import Mission
 from firmware_bridge.plant import Plant
 
 REST: Vector2 = (0.0, 0.0)

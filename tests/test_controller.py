@@ -6,9 +6,9 @@ from bundles import MANIFEST
 from conftest import random_weights
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
-from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle
 
 TEAM = TeamState(RobotState(0, 1.0, (0.0, 0.0), (0.0, 0.0)))

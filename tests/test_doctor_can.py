@@ -10,7 +10,7 @@ from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
 from edge_runtime.checkup import Verdict, examine
 from edge_runtime.config.fleet import load_fleet
-from edge_runtime.mission import Mission
+from edge_runtime.control.mission import Mission
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.can_bridge import CanFlags
 from firmware_bridge.can_interface import parse_interface

@@ -20,13 +20,13 @@ from test_fleet_udp import free_port
 
 from edge_runtime.checkup import Verdict
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.control.mission import Mission
 from edge_runtime.doctor_team import examine_team
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet import Alone, open_fleet
 from edge_runtime.fleet_tls import tls_files
 from edge_runtime.fleet_wire import Frame, encode
 from edge_runtime.messages import Command, RobotState
-from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.zenoh_session import session_config, topic
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from edge_runtime.control.limits import Limits, first_command, limited
 from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.limits import Limits, first_command, limited
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 
 LIMITS = Limits(

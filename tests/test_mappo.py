@@ -9,9 +9,9 @@ import torch
 from torch.distributions import MultivariateNormal
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
-from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import load_bundle
 from export.checkpoint import PolicyFacts, save_policy
 from export.export_policy import export_run

@@ -8,9 +8,9 @@ from bundles import MANIFEST, straight_weights
 from msgspec.structs import replace
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet, load_steering
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.plan import digest_of
-from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle
 
 OWN = """

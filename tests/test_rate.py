@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.rate import DeadlineGrid, TimingRecord
+from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 
 
 class Clock:

@@ -10,8 +10,8 @@ import pytest
 
 from edge_runtime.common import realtime
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
+from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import ConfigError
-from edge_runtime.rate import DeadlineGrid
 
 
 def in_process(script):

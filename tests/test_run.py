@@ -15,9 +15,9 @@ from bundles import write_straight_bundle
 from conftest import ENGINES
 
 from edge_runtime import run
+from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from edge_runtime.rate import DeadlineGrid
 from firmware_bridge import sim
 
 NEAR_FLEET = """

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.rate import DeadlineGrid
+from edge_runtime.control.rate import DeadlineGrid
 from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
 
 PERIOD = 0.02

@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
+from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
-from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, MachineLimits, RunLimits, load_limits
 from firmware_bridge.sil.report import MachineQuality, ProcessCost, Quality, RobotQuality, SilReport
 from firmware_bridge.sil.table import table

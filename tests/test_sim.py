@@ -8,10 +8,10 @@ import pytest
 from bundles import MANIFEST, straight_weights
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import Command, TeamState
-from edge_runtime.mission import Mission
 from edge_runtime.policy.bundle import Bundle
 from firmware_bridge.plant import Plant
 from firmware_bridge.sim import open_bridge

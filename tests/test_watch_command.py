@@ -17,11 +17,11 @@ from test_fleet_udp import free_port
 from watch_fakes import KEY, status
 
 from edge_runtime.config.fleet import load_fleet
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.monitor import Monitor
+from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
-from edge_runtime.mission import Mission
-from edge_runtime.monitor import Monitor
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.watch.command import main
 from edge_runtime.watch.sender import RATE_HZ, StatusSender, Unwatched, open_watch
 from edge_runtime.watch.status import decode, encode

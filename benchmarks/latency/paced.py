@@ -19,7 +19,7 @@ from benchmarks.latency.contenders import CONTENDERS
 from benchmarks.latency.measure import Slot, Timing
 from benchmarks.latency.rows import Row, make_row
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
-from edge_runtime.rate import DeadlineGrid
+from edge_runtime.control.rate import DeadlineGrid
 
 LEAD_TICKS = 4.0
 """An early wake starts this many ticks before the deadline, plus `LEAD_S` for the wake-up itself."""

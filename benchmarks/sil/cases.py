@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from edge_runtime.rate import Percentiles
+from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.report import RobotQuality, SilReport
 
 Judge = Callable[[SilReport], Iterator[str]]

@@ -66,7 +66,7 @@ class EarlyWake:
     """A sleep that wakes early, computes something to throw away, and sleeps the rest.
 
     A processor that wakes from sleep has slowed its clock and lost its caches; after a throw-away tick the
-    real one meets neither. For `edge_runtime.rate.DeadlineGrid`'s ``sleep``.
+    real one meets neither. For `edge_runtime.control.rate.DeadlineGrid`'s ``sleep``.
 
     Args:
         warm_up: the throw-away tick; it must leave no trace.

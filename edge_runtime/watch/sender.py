@@ -16,11 +16,11 @@ from typing import Final, Protocol
 from edge_runtime.common.key_file import read_key
 from edge_runtime.config.fleet import Steering
 from edge_runtime.config.network import Endpoint, endpoint
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.monitor import Monitor
+from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.messages import Command, GuidedAction, TeamState
-from edge_runtime.mission import Mission
-from edge_runtime.monitor import Monitor
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.rate import DeadlineGrid, TimingRecord
 from edge_runtime.watch.status import ObjectiveStatus, Span, Status, encode
 
 RATE_HZ: Final = 5.0

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
+from edge_runtime.control.rate import Percentiles
 from edge_runtime.motion.outlook import Floats
-from edge_runtime.rate import Percentiles
 from firmware_bridge.sil.faults import Lasting
 from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
 from firmware_bridge.sil.harness import Recording

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
-from edge_runtime.rate import Percentiles
 from edge_runtime.report_page import chart
 from edge_runtime.report_page.page import Facts, Figure, Item, Note, Page, Section, Table, Verdict
 from firmware_bridge.sil.report import Quality, RobotQuality, SilReport

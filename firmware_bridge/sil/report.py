@@ -4,7 +4,7 @@ from typing import Literal
 
 import msgspec
 
-from edge_runtime.rate import Percentiles
+from edge_runtime.control.rate import Percentiles
 
 Verdict = Literal["passed", "failed", "invalid"]
 

@@ -14,9 +14,9 @@ from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.common.toml_file import Table, read_toml, refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import Robot
+from edge_runtime.control.mission import adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
-from edge_runtime.mission import adapted
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from firmware_bridge.can_profile import load_profile, profile_path
 from firmware_bridge.sil.can_node import PROFILE

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from edge_runtime.rate import Percentiles
+from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.report import Quality, RobotQuality, SilReport
 
 _COLOURS = {"passed": 32, "failed": 31, "invalid": 33}

@@ -8,10 +8,10 @@ import msgspec
 
 from edge_runtime.config.fleet import Fleet, Steering, parse_steering
 from edge_runtime.config.network import Robot
-from edge_runtime.controller import Controller
+from edge_runtime.control.controller import Controller
+from edge_runtime.control.limits import Limits
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.plan import Plan, make_plan
-from edge_runtime.limits import Limits
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import Backend

@@ -5,9 +5,9 @@ import random
 
 import numpy as np
 
+from edge_runtime.control.limits import Limits, first_command, limited
 from edge_runtime.guidance.flow import GuidedAction, guided_action
 from edge_runtime.guidance.plan import Plan
-from edge_runtime.limits import Limits, first_command, limited
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.numpy_policy import VelocityField

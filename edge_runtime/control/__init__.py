@@ -1,0 +1,1 @@
+"""One robot's control: the bridge's protocol, mission, controller, limits, monitor and the deadline grid."""
