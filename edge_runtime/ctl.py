@@ -12,8 +12,8 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import read_settings, refuse
 from edge_runtime.config.fleet import Fleet, load_fleet, parse_steering
 from edge_runtime.config.network import endpoint
-from edge_runtime.control_wire import FILE_BYTES, Standing
 from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.network.order_wire import FILE_BYTES, Standing
 from edge_runtime.operator_link import OperatorLink
 
 DESCRIPTION: Final = """\

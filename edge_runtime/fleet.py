@@ -13,14 +13,14 @@ from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoi
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.fleet_report import FleetReport
-from edge_runtime.fleet_session import random_nonce
 from edge_runtime.fleet_team import NetworkTeam, TeamRules
-from edge_runtime.fleet_udp import Carrier, UdpCarrier
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.network.session import random_nonce
+from edge_runtime.network.stream_wire import Kind
+from edge_runtime.network.udp import Carrier, UdpCarrier
 from edge_runtime.order_desk import OrderDesk
 from edge_runtime.orders import Orders
-from edge_runtime.stream_wire import Kind
 from edge_runtime.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 
 STALE_PERIODS: Final = 3
@@ -174,7 +174,7 @@ def _carrier(
         refuse(fleet.path, f"robots[{_index(fleet, mission.robot_id)}].address", str(error))
     if settings.type == "udp":
         return udp
-    zenoh = importlib.import_module("edge_runtime.fleet_zenoh")  # only where wanted: it loads TLS
+    zenoh = importlib.import_module("edge_runtime.network.zenoh")  # only where wanted: it loads TLS
     try:
         carrier: Carrier = zenoh.open_zenoh(fleet, settings, mission.robot_id, udp)
     except ConfigError as error:

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from edge_runtime.fleet_session import Session, random_nonce
-from edge_runtime.fleet_wire import Following, Frame
 from edge_runtime.messages import RobotState, Teammate, Vector2
+from edge_runtime.network.session import Session, random_nonce
+from edge_runtime.network.team_wire import Following, Frame
 
 
 class Peer(Session[Frame]):

@@ -15,7 +15,7 @@ class FleetReport(msgspec.Struct, frozen=True):
     sent: int
     accepted: int
     refused: dict[str, int]
-    """Received frames that were dropped, by cause; see `edge_runtime.fleet_wire.Refusal`."""
+    """Received frames that were dropped, by cause; see `edge_runtime.network.team_wire.Refusal`."""
     failures: dict[str, int]
     """What the network did not take or give, by the system's name of the cause."""
     message_age_ms: Percentiles | None

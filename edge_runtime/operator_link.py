@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final
 
 from edge_runtime.config.network import Endpoint
-from edge_runtime.control_wire import (
+from edge_runtime.network.order_wire import (
     PACKET_BYTES,
     Abort,
     Ask,
@@ -20,8 +20,8 @@ from edge_runtime.control_wire import (
     decode_answer,
     encode_order,
 )
-from edge_runtime.fleet_session import random_nonce
-from edge_runtime.fleet_wire import FrameError
+from edge_runtime.network.session import random_nonce
+from edge_runtime.network.team_wire import FrameError
 
 RETRY_S: Final = 0.04
 """Time between two repetitions."""

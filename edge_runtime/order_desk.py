@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from edge_runtime.control_wire import Order, decode_order, encode_answer
-from edge_runtime.fleet_udp import Carrier, Datagram
+from edge_runtime.network.order_wire import Order, decode_order, encode_answer
+from edge_runtime.network.udp import Carrier, Datagram
 from edge_runtime.orders import Orders, Pace
 
 FAREWELLS: Final = 5

@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from edge_runtime.control_wire import Abort, Ask, Commit, Order, Propose, Stage, Standing, Stop
 from edge_runtime.errors import EdgeError
-from edge_runtime.fleet_wire import Following, FrameError, Refusal
 from edge_runtime.guidance.plan import Plan
+from edge_runtime.network.order_wire import Abort, Ask, Commit, Order, Propose, Stage, Standing, Stop
+from edge_runtime.network.team_wire import Following, FrameError, Refusal
 
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""

@@ -9,9 +9,9 @@ from typing import Final
 
 from edge_runtime.config.network import Endpoint
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_session import Session, random_nonce
-from edge_runtime.fleet_wire import FrameError, Refusal
-from edge_runtime.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
+from edge_runtime.network.session import Session, random_nonce
+from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
+from edge_runtime.network.team_wire import FrameError, Refusal
 
 REQUEST_BYTES: Final = 2048
 SILENT_S: Final = 1.0

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from edge_runtime.arrival import ArrivalClock
-from edge_runtime.fleet_udp import UdpCarrier
+from edge_runtime.network.arrival_time import ArrivalClock
+from edge_runtime.network.udp import UdpCarrier
 
 STAMP_KIND = 35
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.control_wire import (
+from edge_runtime.network.order_wire import (
     ANSWER_MAGIC,
     ORDER_MAGIC,
     PACKET_BYTES,
@@ -19,7 +19,7 @@ from edge_runtime.control_wire import (
     encode_answer,
     encode_order,
 )
-from edge_runtime.fleet_wire import LAST_TICK, FrameError, Refusal
+from edge_runtime.network.team_wire import LAST_TICK, FrameError, Refusal
 
 KEY = bytes(range(32))
 longs = st.integers(0, 2**64 - 1)

@@ -10,7 +10,7 @@ import pytest
 from test_fleet import Process, robot
 
 from edge_runtime import ctl
-from edge_runtime.control_wire import FILE_BYTES
+from edge_runtime.network.order_wire import FILE_BYTES
 
 SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n'
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.fleet_clock import DRIFT, RemoteClock
+from edge_runtime.network.clock_offset import DRIFT, RemoteClock
 
 delays = st.floats(0.0, 5.0)
 messages = st.lists(st.tuples(st.floats(0.001, 10.0), delays, st.booleans()), min_size=1, max_size=60)

@@ -5,10 +5,10 @@ import socket
 
 import pytest
 
-from edge_runtime.control_wire import PACKET_BYTES
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_udp import DRAIN, UdpCarrier
-from edge_runtime.fleet_wire import FRAME_BYTES
+from edge_runtime.network.order_wire import PACKET_BYTES
+from edge_runtime.network.team_wire import FRAME_BYTES
+from edge_runtime.network.udp import DRAIN, UdpCarrier
 
 
 def free_port(host="127.0.0.1"):

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.fleet_wire import (
+from edge_runtime.messages import RobotState
+from edge_runtime.network.team_wire import (
     FRAME_BYTES,
     LAST_TICK,
     Following,
@@ -20,7 +21,6 @@ from edge_runtime.fleet_wire import (
     decode,
     encode,
 )
-from edge_runtime.messages import RobotState
 
 KEY = bytes(range(32))
 FRAME = Frame(

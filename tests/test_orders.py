@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.config.fleet import Steering
-from edge_runtime.control_wire import (
+from edge_runtime.network.order_wire import (
     Abort,
     Ask,
     Commit,

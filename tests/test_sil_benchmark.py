@@ -7,7 +7,7 @@ from test_sil_verdict import report, robot
 from benchmarks.sil.cases import cases, soak
 from benchmarks.sil.rows import ATTEMPTS, Page, failed, keep, line, row_of, settled_row, size_of
 from edge_runtime.control.rate import Percentiles
-from edge_runtime.fleet_wire import FRAME_BYTES
+from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.report import FaultDone, ProcessCost
 
 CASES = {case.name: case for case in (*cases(), soak())}

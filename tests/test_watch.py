@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from watch_fakes import KEY, Clocks, status, watched
 
-from edge_runtime.fleet_wire import FRAME_BYTES, FrameError
-from edge_runtime.fleet_wire import decode as decode_frame
+from edge_runtime.network.team_wire import FRAME_BYTES, FrameError
+from edge_runtime.network.team_wire import decode as decode_frame
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.watch import plain, text
 from edge_runtime.watch.sender import limit_text

@@ -8,7 +8,7 @@ import msgspec
 
 from benchmarks.again import replaced
 from benchmarks.sil.cases import Case, Late
-from edge_runtime.fleet_wire import FRAME_BYTES
+from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.report import SilReport
 
 ATTEMPTS = 3

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_clock import RemoteClock
+from edge_runtime.network.clock_offset import RemoteClock
+from edge_runtime.network.stream_wire import Kind
 from edge_runtime.pose.natnet import (
     COMMAND_PORT,
     PACKET_BYTES,
@@ -23,7 +24,6 @@ from edge_runtime.pose.natnet import (
 from edge_runtime.pose.recording import Sample
 from edge_runtime.pose.velocity import VelocityFit
 from edge_runtime.stream_host import StreamHost
-from edge_runtime.stream_wire import Kind
 
 CONNECT_S: Final = 5.0
 """How long a server may take to answer."""

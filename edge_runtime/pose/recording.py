@@ -14,7 +14,7 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.errors import ConfigError
-from edge_runtime.stream_wire import GREATEST_SPEED_M_S
+from edge_runtime.network.stream_wire import GREATEST_SPEED_M_S
 
 
 class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

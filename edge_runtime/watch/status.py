@@ -1,7 +1,7 @@
 """The status frame: what one robot tells whoever watches the team.
 
 A magic number, the record in MessagePack, then HMAC-SHA256 of both with the team's key. The magic keeps a
-status from ever passing for a frame of `edge_runtime.fleet_wire`, which the same key signs.
+status from ever passing for a frame of `edge_runtime.network.team_wire`, which the same key signs.
 """
 
 import hmac

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.fleet_wire import FRAME_BYTES, MAGIC, Frame, encode
 from edge_runtime.messages import RobotState
+from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC, Frame, encode
 from firmware_bridge.sil.faults import Hostile
 from firmware_bridge.sil.helper import await_start, sleep_until
 from firmware_bridge.sil.team_file import HOST

@@ -1,7 +1,7 @@
 """The frames of a pose or range stream, and a robot's requests for them: authenticated like the team's.
 
 Little endian: magic, kind, number of values, robot, boot id, sequence, challenge, answer, stamp, the values;
-then HMAC-SHA256 of all that. What the session fields are for: `edge_runtime.fleet_session`.
+then HMAC-SHA256 of all that. What the session fields are for: `edge_runtime.network.session`.
 """
 
 import enum
@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST
-from edge_runtime.fleet_wire import FrameError, Refusal
 from edge_runtime.messages import Vector2
+from edge_runtime.network.team_wire import FrameError, Refusal
 
 STREAM_MAGIC: Final = b"CFS\x01"
 """Its last byte is the version of the layout; change it with the layout."""

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
-from edge_runtime.arrival import ANCILLARY_BYTES, ArrivalClock
 from edge_runtime.config.network import Endpoint
-from edge_runtime.control_wire import PACKET_BYTES
 from edge_runtime.errors import ConfigError
+from edge_runtime.network.arrival_time import ANCILLARY_BYTES, ArrivalClock
+from edge_runtime.network.order_wire import PACKET_BYTES
 
 DRAIN: Final = 256
 """Most packets taken in one tick, about what the kernel queues: a flood costs a bounded time."""

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from edge_runtime.config.network import CarrierSettings, Robot
-from edge_runtime.fleet_tls import ROUTER, TlsFiles, common_name
+from edge_runtime.network.tls import ROUTER, TlsFiles, common_name
 
 LEASE_MS: Final = 1000
 """After so long without a sign of life a link is opened anew."""

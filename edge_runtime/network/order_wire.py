@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from edge_runtime.fleet_wire import LAST_TICK, FrameError, Refusal
+from edge_runtime.network.team_wire import LAST_TICK, FrameError, Refusal
 
 ORDER_MAGIC: Final = b"CFO\x01"
 ANSWER_MAGIC: Final = b"CFA\x01"

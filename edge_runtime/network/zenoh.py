@@ -17,10 +17,10 @@ from typing import Any, Final
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import CarrierSettings
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_tls import tls_files
-from edge_runtime.fleet_udp import DRAIN, Datagram, UdpCarrier
-from edge_runtime.fleet_wire import FRAME_BYTES, MAGIC
-from edge_runtime.zenoh_session import Json, session_config, topic
+from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC
+from edge_runtime.network.tls import tls_files
+from edge_runtime.network.udp import DRAIN, Datagram, UdpCarrier
+from edge_runtime.network.zenoh_session import Json, session_config, topic
 
 CLOSE_S: Final = 1.0
 """How long closing may take: after malformed input Zenoh's own may hang."""
@@ -62,7 +62,7 @@ class ZenohCarrier:
         zenoh: the library.
         own: this robot's id.
         others: the other robots' ids.
-        config: of the session; see `edge_runtime.zenoh_session`.
+        config: of the session; see `edge_runtime.network.zenoh_session`.
         udp: carries orders and streams; closed with this one.
 
     Raises:
