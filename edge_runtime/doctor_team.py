@@ -7,7 +7,7 @@ from functools import partial
 from edge_runtime.checkup import Finding, examine, fail, ok
 from edge_runtime.config.network import Endpoint, Robot, endpoint
 from edge_runtime.control.mission import Mission
-from edge_runtime.fleet import Alone, open_fleet
+from edge_runtime.team.membership import Alone, open_fleet
 
 
 def examine_team(mission: Mission, *, simulated: bool) -> Iterator[Finding]:

@@ -8,13 +8,13 @@ from pathlib import Path
 from bundles import MANIFEST
 
 from edge_runtime.config.fleet import Steering, parse_steering
-from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.guidance.plan import make_plan
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.udp import Datagram
-from edge_runtime.order_desk import OrderDesk
-from edge_runtime.orders import Orders
-from edge_runtime.streams import Streams
+from edge_runtime.team.link import NetworkTeam, TeamRules
+from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.orders import Orders
+from edge_runtime.team.streams import Streams
 
 KEY = bytes(range(32))
 PERIOD_S = 0.02

@@ -16,10 +16,10 @@ from edge_runtime.common.signals import StopSignals
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid
-from edge_runtime.fleet import LocalTeam, open_fleet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.order_wire import ORDER_MAGIC
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.team.membership import LocalTeam, open_fleet
 
 
 class Lossy:

@@ -18,11 +18,11 @@ from test_fleet_udp import free_port
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet import open_fleet
 from edge_runtime.messages import Command, RobotState, Teammate
 from edge_runtime.network.order_wire import ORDER_MAGIC, Stop, encode_order
 from edge_runtime.network.team_wire import FRAME_BYTES, Frame, encode
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.team.membership import open_fleet
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))
 UNREACHABLE = 2**40

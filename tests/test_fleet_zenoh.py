@@ -23,12 +23,12 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor_team import examine_team
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet import Alone, open_fleet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.team_wire import Frame, encode
 from edge_runtime.network.tls import tls_files
 from edge_runtime.network.zenoh_session import session_config, topic
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.team.membership import Alone, open_fleet
 
 zenoh = pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
 

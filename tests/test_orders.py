@@ -19,7 +19,7 @@ from edge_runtime.network.order_wire import (
     encode_order,
 )
 from edge_runtime.objectives import SpeedLimit
-from edge_runtime.orders import HOLD_S
+from edge_runtime.team.orders import HOLD_S
 
 SLOW = b'[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n'
 SLOWER = SLOW.replace(b"0.1", b"0.05")

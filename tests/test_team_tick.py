@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.team_tick import TeamTick
+from edge_runtime.team.tick import TeamTick
 
 PERIOD_S = 0.02
 shares = st.floats(0.0, 1.0, exclude_max=True)

@@ -3,8 +3,8 @@
 Little endian: magic, sender, receiver, version of the objectives, whether the sender listens to the
 receiver, boot id, sequence, challenge, answer, the team's tick, the objectives' digest, digest and tick of
 the next ones, stamp, position, velocity, heading, intended action; then HMAC-SHA256 of all that. What the
-session fields are for: `edge_runtime.fleet_peer`; the tick: `edge_runtime.team_tick`; the objectives:
-`edge_runtime.orders`.
+session fields are for: `edge_runtime.team.peer`; the tick: `edge_runtime.team.tick`; the objectives:
+`edge_runtime.team.orders`.
 """
 
 import enum

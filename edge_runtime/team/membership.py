@@ -12,16 +12,16 @@ from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.fleet_report import FleetReport
-from edge_runtime.fleet_team import NetworkTeam, TeamRules
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.network.udp import Carrier, UdpCarrier
-from edge_runtime.order_desk import OrderDesk
-from edge_runtime.orders import Orders
-from edge_runtime.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
+from edge_runtime.team.link import NetworkTeam, TeamRules
+from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.orders import Orders
+from edge_runtime.team.report import FleetReport
+from edge_runtime.team.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 
 STALE_PERIODS: Final = 3
 """A teammate older than this many control periods is masked."""

@@ -1,10 +1,10 @@
-"""Where an operator's packets are read, obeyed and answered; see `edge_runtime.orders` for what they mean."""
+"""Where an operator's packets are read, obeyed and answered; see `edge_runtime.team.orders` for what they mean."""
 
 from typing import Final
 
 from edge_runtime.network.order_wire import Order, decode_order, encode_answer
 from edge_runtime.network.udp import Carrier, Datagram
-from edge_runtime.orders import Orders, Pace
+from edge_runtime.team.orders import Orders, Pace
 
 FAREWELLS: Final = 5
 """How often a robot that ends its run says so: the answer to the stop may have been lost."""

@@ -7,8 +7,6 @@ from types import TracebackType
 import msgspec
 from msgspec.structs import replace
 
-from edge_runtime.fleet_peer import Peer
-from edge_runtime.fleet_report import FleetReport, Traffic
 from edge_runtime.guidance.plan import Plan
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.order_wire import ORDER_MAGIC
@@ -16,9 +14,11 @@ from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import STREAM_MAGIC
 from edge_runtime.network.team_wire import FrameError, Refusal, decode, encode
 from edge_runtime.network.udp import Carrier, Datagram
-from edge_runtime.order_desk import OrderDesk
-from edge_runtime.streams import Streams
-from edge_runtime.team_tick import TeamTick
+from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.peer import Peer
+from edge_runtime.team.report import FleetReport, Traffic
+from edge_runtime.team.streams import Streams
+from edge_runtime.team.tick import TeamTick
 
 
 class TeamRules(msgspec.Struct, frozen=True):
