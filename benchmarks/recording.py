@@ -29,11 +29,11 @@ from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_folder import run_name
-from edge_runtime.log_wire import LogPlan
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import packaged_bundle
-from edge_runtime.recorder import Recorder
+from edge_runtime.recording.folder import run_name
+from edge_runtime.recording.recorder import Recorder
+from edge_runtime.recording.wire import LogPlan
 from edge_runtime.report_page import chart
 from edge_runtime.report_page.page import Verdict
 from edge_runtime.run import STAGES

@@ -10,10 +10,10 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet, load_ste
 from edge_runtime.config.network import Robot
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_flags import add_log_flags
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.policy.manifest import RATE_HZ
+from edge_runtime.recording.flags import add_log_flags
 
 DESCRIPTION: Final = """\
 Drive one robot of a team by a flow policy, steered by objectives that it never saw in training.

@@ -17,8 +17,6 @@ from edge_runtime.control.limits import Limits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import GuidanceSettings, Guide
-from edge_runtime.log_json import encode
-from edge_runtime.log_schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation.observer import Observer
@@ -26,6 +24,8 @@ from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
 from edge_runtime.policy.numpy_policy import VelocityField
+from edge_runtime.recording.json_codec import encode
+from edge_runtime.recording.schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
 
 
 class Difference(msgspec.Struct, frozen=True):

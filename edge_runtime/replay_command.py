@@ -11,9 +11,9 @@ from typing import Final
 from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.config.fleet import Steering, load_steering
 from edge_runtime.errors import BundleError, ConfigError, EdgeError
-from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_schema import ObjectiveSet, Record, Start, Tick
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.schema import ObjectiveSet, Record, Start, Tick
 from edge_runtime.replay import Difference, Replay, recorded_policy, recorded_steering
 from edge_runtime.replay_question import Answer, speeds_m_s
 

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from edge_runtime.log_schema import RobotPlace
+from edge_runtime.recording.schema import RobotPlace
 from edge_runtime.replay_question import Answer, speeds_m_s
 
 DONE, INSTEAD = "tab:blue", "tab:orange"

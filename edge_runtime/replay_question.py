@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from edge_runtime.log_schema import Start, Tick
 from edge_runtime.messages import Command, Vector2
+from edge_runtime.recording.schema import Start, Tick
 from edge_runtime.replay import Replay
 
 

@@ -7,8 +7,8 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, Percentiles, TimingRecord
-from edge_runtime.log_wire import LogReport
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.recording.wire import LogReport
 from edge_runtime.team.report import FleetReport
 
 

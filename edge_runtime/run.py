@@ -24,7 +24,7 @@ from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.flags import chosen_bridge, make_mission, make_parser
 from edge_runtime.last_words import say
-from edge_runtime.recorder import Recorder, open_record
+from edge_runtime.recording.recorder import Recorder, open_record
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.team.membership import Alone, TeamLink, open_fleet
 from edge_runtime.watch.sender import Watch, open_watch

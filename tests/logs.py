@@ -4,9 +4,9 @@ import time
 
 from msgspec.structs import replace
 
-from edge_runtime.log_file import LogFile
-from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
+from edge_runtime.recording.log_file import LogFile
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
 from edge_runtime.run import main
 
 TOPICS = {Start: "start", ObjectiveSet: "objectives", Event: "events", End: "end"}

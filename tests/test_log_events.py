@@ -2,9 +2,9 @@
 
 from msgspec.structs import replace
 
-from edge_runtime.log_events import changes
-from edge_runtime.log_schema import EVENTS, Inputs, Observation, StageTimes, Tick
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+from edge_runtime.recording.events import changes
+from edge_runtime.recording.schema import EVENTS, Inputs, Observation, StageTimes, Tick
 
 
 def state(robot_id):

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from logs import record, ticks
 
-from edge_runtime import log_file
-from edge_runtime.log_folder import file_name, make_room, run_name
-from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_run import RunLog
-from edge_runtime.log_schema import End, ObjectiveSet, Start, Tick
-from edge_runtime.log_wire import LogPlan
+from edge_runtime.recording import log_file
+from edge_runtime.recording.folder import file_name, make_room, run_name
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.run_log import RunLog
+from edge_runtime.recording.schema import End, ObjectiveSet, Start, Tick
+from edge_runtime.recording.wire import LogPlan
 
 RUN = run_name("20260131T235959Z", 3, 7)
 

@@ -8,8 +8,8 @@ from logs import record, ticks, write
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from edge_runtime.log_file import LogFile
-from edge_runtime.log_schema import TICK_CHANNELS
+from edge_runtime.recording.log_file import LogFile
+from edge_runtime.recording.schema import TICK_CHANNELS
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def summary(path):
 def test_a_file_has_the_index_that_the_library_keeps_by_itself(tmp_path, tick, monkeypatch):
     monkeypatch.setattr("time.time_ns", lambda: 10**18)
     packed = write(tmp_path / "packed.mcap", [tick] * 30, chunk_ticks=1)
-    monkeypatch.setattr("edge_runtime.log_file.PackedIndex", list)
+    monkeypatch.setattr("edge_runtime.recording.log_file.PackedIndex", list)
     own = write(tmp_path / "own.mcap", [tick] * 30, chunk_ticks=1)
     assert packed.read_bytes() == own.read_bytes()
     assert len(summary(packed).chunk_indexes) == 30

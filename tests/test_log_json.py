@@ -12,9 +12,9 @@ from logs import record
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 
-from edge_runtime.log_json import decoder, encode, json_schema
-from edge_runtime.log_schema import CHANNELS
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.recording.json_codec import decoder, encode, json_schema
+from edge_runtime.recording.schema import CHANNELS
 
 floats = st.floats(allow_nan=True, allow_infinity=True)
 pairs = st.tuples(floats, floats)

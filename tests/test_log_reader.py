@@ -11,8 +11,8 @@ from mcap.writer import Writer
 from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_schema import LOG_FORMAT, End, ObjectiveSet, Start, Tick
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.schema import LOG_FORMAT, End, ObjectiveSet, Start, Tick
 
 CHUNK = 5
 

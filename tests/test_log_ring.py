@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import edge_runtime.log_ring as ring_module
-from edge_runtime.log_ring import Ring, open_ring_memory
+import edge_runtime.recording.ring as ring_module
+from edge_runtime.recording.ring import Ring, open_ring_memory
 
 SIZE = 104
 

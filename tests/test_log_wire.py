@@ -5,9 +5,9 @@ import struct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.log_schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Tick
-from edge_runtime.log_wire import decode_packet, encode_packet, is_tick, pack_tick, tick_packet
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+from edge_runtime.recording.schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Tick
+from edge_runtime.recording.wire import decode_packet, encode_packet, is_tick, pack_tick, tick_packet
 
 floats = st.floats(allow_nan=True, allow_infinity=True)
 numbers = st.integers(0, 2**40)

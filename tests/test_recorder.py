@@ -21,14 +21,14 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.guidance.plan import make_plan
-from edge_runtime.log_folder import run_name
-from edge_runtime.log_reader import Damage, read_log
-from edge_runtime.log_schema import End, Event, ObjectiveSet, Start
-from edge_runtime.log_wire import LogPlan
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
-from edge_runtime.recorder import Recorder
+from edge_runtime.recording.folder import run_name
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.recorder import Recorder
+from edge_runtime.recording.schema import End, Event, ObjectiveSet, Start
+from edge_runtime.recording.wire import LogPlan
 from edge_runtime.replay_command import main as replay
 from edge_runtime.run import STAGES, main
 

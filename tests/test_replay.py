@@ -11,9 +11,9 @@ from logs import record, ticks, with_tick, write
 from msgspec.structs import replace
 
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.log_reader import read_log
-from edge_runtime.log_schema import ObjectiveSet, Start, Tick
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle
+from edge_runtime.recording.reader import read_log
+from edge_runtime.recording.schema import ObjectiveSet, Start, Tick
 from edge_runtime.replay import Replay, recorded_policy, recorded_steering
 from edge_runtime.replay_command import main
 

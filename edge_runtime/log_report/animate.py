@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_reader import Damage, read_log
 from edge_runtime.log_report.digest import RunDigest, digest
 from edge_runtime.log_report.team import fences, limits, team_of
-from edge_runtime.log_wire import LogReport
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.wire import LogReport
 from edge_runtime.report_page.animation import Scene, animate, check_target
 
 

@@ -12,11 +12,11 @@ import msgspec
 
 from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.errors import ConfigError, EdgeError
-from edge_runtime.log_reader import Damage, read_log
 from edge_runtime.log_report.digest import RunDigest, digest
 from edge_runtime.log_report.sections import make_page
 from edge_runtime.log_report.team import team_of
-from edge_runtime.log_schema import Record, Start
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.schema import Record, Start
 from edge_runtime.report_page.page import Page, check_writable, write_page
 from edge_runtime.report_page.progress import steps
 

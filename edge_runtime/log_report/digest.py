@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_schema import End, Event, ObjectiveSet, Record, StageTimes, Start, Tick
+from edge_runtime.recording.schema import End, Event, ObjectiveSet, Record, StageTimes, Start, Tick
 from edge_runtime.report_page.chart import Floats
 
 STAGES = StageTimes.__struct_fields__

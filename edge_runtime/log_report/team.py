@@ -10,8 +10,8 @@ import numpy as np
 
 from edge_runtime.control.monitor import SETTLE_S
 from edge_runtime.log_report.digest import RunDigest
-from edge_runtime.log_schema import RobotPlace
 from edge_runtime.messages import Vector2
+from edge_runtime.recording.schema import RobotPlace
 from edge_runtime.report_page.arena import Circle
 from edge_runtime.report_page.chart import Floats, Limit
 

@@ -5,7 +5,7 @@ from itertools import groupby
 
 from edge_runtime.log_report.digest import RunDigest
 from edge_runtime.log_report.team import TeamDigest
-from edge_runtime.log_schema import Event
+from edge_runtime.recording.schema import Event
 from edge_runtime.report_page import chart
 from edge_runtime.report_page.page import Figure, Item, Note, Table
 

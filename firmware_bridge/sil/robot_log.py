@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from edge_runtime.log_reader import read_log
-from edge_runtime.log_schema import Tick
 from edge_runtime.motion.outlook import Floats
+from edge_runtime.recording.reader import read_log
+from edge_runtime.recording.schema import Tick
 
 
 class RobotLog(NamedTuple):

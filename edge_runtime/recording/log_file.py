@@ -13,9 +13,9 @@ from typing import Final
 import msgspec
 from mcap.writer import Writer
 
-from edge_runtime.log_index import PackedIndex
-from edge_runtime.log_json import encode, json_schema
-from edge_runtime.log_schema import CHANNELS, LOG_FORMAT
+from edge_runtime.recording.chunk_index import PackedIndex
+from edge_runtime.recording.json_codec import encode, json_schema
+from edge_runtime.recording.schema import CHANNELS, LOG_FORMAT
 
 PROFILE: Final = "cfpg"
 

@@ -12,8 +12,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_json import decoder
-from edge_runtime.log_schema import CHANNELS, LOG_FORMAT, TICK_CHANNELS, Record, Tick
+from edge_runtime.recording.json_codec import decoder
+from edge_runtime.recording.schema import CHANNELS, LOG_FORMAT, TICK_CHANNELS, Record, Tick
 
 LARGEST_RECORD: Final = 1 << 26
 """A length beyond this is damage; chunks are a hundredth of it."""

@@ -1,6 +1,6 @@
 """The process that writes a run's log, so that no disk and no collector ever holds up the loop.
 
-``python -m edge_runtime.logger FD PLAN RING`` is started by `edge_runtime.recorder`. Twice a second it
+``python -m edge_runtime.recording.logger_process FD PLAN RING`` is started by `edge_runtime.recording.recorder`. Twice a second it
 empties the ring and ends a chunk, rather than wake for every tick, and it goes on until the socket closes:
 the log of a loop that was killed is complete.
 """
@@ -16,9 +16,9 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.log_ring import Ring
-from edge_runtime.log_run import RunLog
-from edge_runtime.log_wire import LogPlan, decode_packet, encode_report
+from edge_runtime.recording.ring import Ring
+from edge_runtime.recording.run_log import RunLog
+from edge_runtime.recording.wire import LogPlan, decode_packet, encode_report
 
 PERIOD_S: Final = 0.5
 NICENESS: Final = 10

@@ -16,7 +16,8 @@ from edge_runtime.common.realtime import in_realtime
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.plan import Plan
-from edge_runtime.log_schema import (
+from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.recording.schema import (
     LOG_FORMAT,
     BundleIdentity,
     FleetIdentity,
@@ -28,7 +29,6 @@ from edge_runtime.log_schema import (
     Start,
     Versions,
 )
-from edge_runtime.objectives import BUILT_IN, Objective
 
 
 def make_start(mission: Mission, controller: Controller, run: str, *, bridge: str, dry_run: bool) -> Start:

@@ -8,8 +8,8 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.log_schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Start, Tick
 from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+from edge_runtime.recording.schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Start, Tick
 
 REPORT_BYTES: Final = 1 << 16
 """More than any report."""
@@ -20,7 +20,7 @@ class LogPlan(msgspec.Struct, frozen=True):
 
     folder: str
     run: str
-    """Name of the run, see `edge_runtime.log_folder.run_name`."""
+    """Name of the run, see `edge_runtime.recording.folder.run_name`."""
     file_bytes: int
     """A file that has grown beyond this is closed, and the next one begun."""
     file_s: float

@@ -2,7 +2,7 @@
 
 A log is an MCAP file (https://mcap.dev/spec) with JSON messages and JSON Schemas, as Foxglove opens them.
 Every tick puts one message on each of `TICK_CHANNELS`, all with the tick's number as their MCAP sequence and
-the same log time; `edge_runtime.log_reader` puts them together again as one `Tick`.
+the same log time; `edge_runtime.recording.reader` puts them together again as one `Tick`.
 
 - Log times are Unix nanoseconds that advance with the monotonic clock: the wall clock at the start plus the
   monotonic time since. Stamps inside records are monotonic seconds of the robot, ages are seconds.
@@ -279,4 +279,4 @@ CHANNELS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
 """Channel (its topic without the slash), name of its schema, record."""
 
 Record = Start | ObjectiveSet | Tick | Event | End
-"""What `edge_runtime.log_reader.read_log` yields, in the order of the file."""
+"""What `edge_runtime.recording.reader.read_log` yields, in the order of the file."""

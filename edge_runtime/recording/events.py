@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from edge_runtime.log_schema import Event, ObjectiveSet, Tick, Time
+from edge_runtime.recording.schema import Event, ObjectiveSet, Tick, Time
 
 INFO: Final = 2
 WARNING: Final = 3

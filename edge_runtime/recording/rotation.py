@@ -7,9 +7,9 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.log_file import LogFile
-from edge_runtime.log_folder import file_name, make_room
-from edge_runtime.log_wire import LogPlan, LogReport
+from edge_runtime.recording.folder import file_name, make_room
+from edge_runtime.recording.log_file import LogFile
+from edge_runtime.recording.wire import LogPlan, LogReport
 
 RETRY_S: Final = 5.0
 """After a disk has refused, a new file is tried so often."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.log_folder import default_folder, run_name
-from edge_runtime.log_wire import LogPlan
+from edge_runtime.recording.folder import default_folder, run_name
+from edge_runtime.recording.wire import LogPlan
 
 _MB: Final = 1_000_000
 

@@ -2,9 +2,9 @@
 
 import math
 
-from edge_runtime.log_events import unix_time
-from edge_runtime.log_schema import Pose, PosesInFrame, Quaternion, Vector3
 from edge_runtime.messages import RobotState, TeamState
+from edge_runtime.recording.events import unix_time
+from edge_runtime.recording.schema import Pose, PosesInFrame, Quaternion, Vector3
 
 FRAME = "team"
 """The common frame of all positions."""

@@ -24,11 +24,13 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.plan import Plan
-from edge_runtime.log_flags import make_log_plan
-from edge_runtime.log_ring import Ring, open_ring_memory
-from edge_runtime.log_schema import End
-from edge_runtime.log_start import make_start, objective_set
-from edge_runtime.log_wire import (
+from edge_runtime.messages import Command, GuidedAction, TeamState
+from edge_runtime.policy.weights import Array
+from edge_runtime.recording.flags import make_log_plan
+from edge_runtime.recording.ring import Ring, open_ring_memory
+from edge_runtime.recording.schema import End
+from edge_runtime.recording.start import make_start, objective_set
+from edge_runtime.recording.wire import (
     REPORT_BYTES,
     LogPlan,
     LogReport,
@@ -38,8 +40,6 @@ from edge_runtime.log_wire import (
     pack_tick,
     tick_packet,
 )
-from edge_runtime.messages import Command, GuidedAction, TeamState
-from edge_runtime.policy.weights import Array
 
 OPENING_S: Final = 30.0
 CLOSING_S: Final = 5.0
@@ -79,7 +79,9 @@ class Recorder:
         try:
             memory = open_ring_memory()
             self._ring = Ring(memory)
-            self._socket, self._process = start_child("edge_runtime.logger", self._plan, memory, quiet=True)
+            self._socket, self._process = start_child(
+                "edge_runtime.recording.logger_process", self._plan, memory, quiet=True
+            )
             os.close(memory)
         except OSError as error:
             raise ConfigError(f"no logger could be started ({error.strerror}); or --no-log") from error

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from edge_runtime.log_events import ERROR, INFO, changes, event, objectives_event
-from edge_runtime.log_file import LogFile
-from edge_runtime.log_files import LogFiles
-from edge_runtime.log_poses import team_poses
-from edge_runtime.log_schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
-from edge_runtime.log_wire import LogPlan, Packet
+from edge_runtime.recording.events import ERROR, INFO, changes, event, objectives_event
+from edge_runtime.recording.log_file import LogFile
+from edge_runtime.recording.poses import team_poses
+from edge_runtime.recording.rotation import LogFiles
+from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
+from edge_runtime.recording.wire import LogPlan, Packet
 
 
 class RunLog:
