@@ -27,7 +27,7 @@ from edge_runtime.last_words import say
 from edge_runtime.recording.recorder import Recorder, open_record
 from edge_runtime.report import RunReport, make_report
 from edge_runtime.team.membership import Alone, TeamLink, open_fleet
-from edge_runtime.watch.sender import Watch, open_watch
+from edge_runtime.telemetry.status_sender import Watch, open_watch
 
 if TYPE_CHECKING:
     from edge_runtime.control.bridge import Bridge

@@ -14,9 +14,9 @@ from watch_fakes import KEY, Clocks, status, watched
 from edge_runtime.network.team_wire import FRAME_BYTES, FrameError
 from edge_runtime.network.team_wire import decode as decode_frame
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, StatusError, decode, encode
+from edge_runtime.telemetry.status_sender import limit_text
 from edge_runtime.watch import plain, text
-from edge_runtime.watch.sender import limit_text
-from edge_runtime.watch.status import LONGEST, ObjectiveStatus, Span, Status, StatusError, decode, encode
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 STATUSES = st.builds(

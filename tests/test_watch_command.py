@@ -22,9 +22,9 @@ from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.telemetry.status import decode, encode
+from edge_runtime.telemetry.status_sender import RATE_HZ, StatusSender, Unwatched, open_watch
 from edge_runtime.watch.command import main
-from edge_runtime.watch.sender import RATE_HZ, StatusSender, Unwatched, open_watch
-from edge_runtime.watch.status import decode, encode
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.3, 0.0))
 TEAM = TeamState(OWN, (Teammate(RobotState(1, 0.0, (3.0, 4.0), (0.0, 0.0)), age_s=0.01),))

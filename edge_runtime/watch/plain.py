@@ -3,8 +3,8 @@
 import time
 from collections.abc import Iterator
 
+from edge_runtime.telemetry.status import Status
 from edge_runtime.watch import text
-from edge_runtime.watch.status import Status
 from edge_runtime.watch.team import WatchedTeam
 
 

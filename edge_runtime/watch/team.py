@@ -10,7 +10,7 @@ import msgspec
 
 from edge_runtime.config.network import Endpoint
 from edge_runtime.errors import ConfigError
-from edge_runtime.watch.status import LONGEST, Status, StatusError, decode
+from edge_runtime.telemetry.status import LONGEST, Status, StatusError, decode
 
 SILENT_S: Final = 1.0
 """A robot is silent when its newest status is older: five in a row were lost, or it is gone."""

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from edge_runtime.watch.status import ObjectiveStatus, Span, Status
+from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status
 from edge_runtime.watch.team import WatchedTeam
 
 CLOCK_TOLERANCE_S = 10.0

@@ -6,8 +6,8 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from edge_runtime.telemetry.status import Status
 from edge_runtime.watch import text
-from edge_runtime.watch.status import Status
 from edge_runtime.watch.team import WatchedTeam
 
 STYLES = {True: "green", False: "bold red", None: ""}

@@ -21,7 +21,7 @@ from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.watch.status import ObjectiveStatus, Span, Status, encode
+from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status, encode
 
 RATE_HZ: Final = 5.0
 WINDOW_S: Final = 2.0

@@ -1,0 +1,1 @@
+"""What a robot tells whoever watches it."""
