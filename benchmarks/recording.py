@@ -36,7 +36,7 @@ from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.wire import LogPlan
 from edge_runtime.report_page import chart
 from edge_runtime.report_page.page import Verdict
-from edge_runtime.run import STAGES
+from edge_runtime.run.edge_run import STAGES
 
 ALLOWED = 1.05
 """p99 with recording and watching, in parts of p99 without."""

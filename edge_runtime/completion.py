@@ -13,8 +13,8 @@ from typing import Final
 
 from edge_runtime.common.command_line import CommandParser, need
 from edge_runtime.errors import EdgeError
-from edge_runtime.flags import make_parser as make_run_parser
-from edge_runtime.run import BRIDGES
+from edge_runtime.run.edge_run import BRIDGES
+from edge_runtime.run.flags import make_parser as make_run_parser
 
 SHELLS: Final = ("bash", "zsh")
 MODULES: Final = {

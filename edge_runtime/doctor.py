@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.checkup import Finding, Verdict, examine, fail, line
-from edge_runtime.console import use_colour
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor_machine import examine_machine
 from edge_runtime.doctor_policy import examine_policy
 from edge_runtime.doctor_team import examine_team
 from edge_runtime.errors import BundleError, EdgeError
-from edge_runtime.flags import chosen_bridge, make_mission, make_parser
-from edge_runtime.run import BRIDGES
+from edge_runtime.run.console import use_colour
+from edge_runtime.run.edge_run import BRIDGES
+from edge_runtime.run.flags import chosen_bridge, make_mission, make_parser
 
 DESCRIPTION: Final = """\
 Check everything that edge-run with the same flags rests on: policy, machine, team, bus and firmware.

@@ -13,9 +13,9 @@ import pytest
 from bundles import write_straight_bundle
 from msgspec.structs import replace
 
-from edge_runtime.console import summary, use_colour
 from edge_runtime.control.rate import Percentiles
-from edge_runtime.report import RobotReport, RunReport
+from edge_runtime.run.console import summary, use_colour
+from edge_runtime.run.run_report import RobotReport, RunReport
 
 SPAN = Percentiles(500.0, 900.0, 950.0, 1000.0)
 REPORT = RunReport(

@@ -6,7 +6,7 @@ import pytest
 from bundles import write_straight_bundle
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.flags import make_mission, make_parser
+from edge_runtime.run.flags import make_mission, make_parser
 
 FLEET = """
 [carrier]

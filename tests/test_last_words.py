@@ -9,14 +9,14 @@ import sys
 import pytest
 from bundles import write_straight_bundle
 
-from edge_runtime.last_words import say
+from edge_runtime.run.final_output import say
 
 TEXT = "Ångström\n" * 30_000
 """More than a pipe holds."""
 
 
 def test_a_slow_reader_gets_the_whole_text():
-    code = "import sys; from edge_runtime.last_words import say; say(sys.stdin.read(), sys.stdout)"
+    code = "import sys; from edge_runtime.run.final_output import say; say(sys.stdin.read(), sys.stdout)"
     done = subprocess.run(
         [sys.executable, "-X", "utf8", "-c", code], input=TEXT.encode(), capture_output=True, check=True
     )

@@ -30,7 +30,7 @@ from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.schema import End, Event, ObjectiveSet, Start
 from edge_runtime.recording.wire import LogPlan
 from edge_runtime.replay_command import main as replay
-from edge_runtime.run import STAGES, main
+from edge_runtime.run.edge_run import STAGES, main
 
 LOSS_S = 1.0
 

@@ -14,10 +14,10 @@ import pytest
 from bundles import write_straight_bundle
 from conftest import ENGINES
 
-from edge_runtime import run
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
+from edge_runtime.run.edge_run import edge_run as run
 from firmware_bridge import sim
 
 NEAR_FLEET = """
@@ -118,7 +118,7 @@ def test_a_reader_that_goes_away_does_not_end_the_run(command, tmp_path):
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's process table")
 def test_the_process_stays_small(bundle):
     code = (
-        "import sys; from edge_runtime.run import main\n"
+        "import sys; from edge_runtime.run.edge_run import main\n"
         "assert main(sys.argv[1:]) == 0\n"
         "print(next(line for line in open('/proc/self/status') if line.startswith('VmHWM')))"
     )

@@ -9,7 +9,7 @@ import pytest
 from bundles import write_straight_bundle
 from can_peers import Chassis, multicast_address
 
-from edge_runtime import run
+from edge_runtime.run.edge_run import edge_run as run
 
 
 @pytest.fixture

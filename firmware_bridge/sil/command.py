@@ -12,9 +12,9 @@ import msgspec
 
 from edge_runtime.common.command_line import CommandParser, check_output
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.console import output, use_colour
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.manifest import RATE_HZ
+from edge_runtime.run.console import output, use_colour
 from firmware_bridge.sil.harness import Harness, StartError
 from firmware_bridge.sil.judge import judge
 from firmware_bridge.sil.limits import DEFAULT_LIMITS

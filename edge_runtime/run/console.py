@@ -9,7 +9,7 @@ from typing import TextIO
 
 from edge_runtime.control.monitor import SETTLE_S, Monitor
 from edge_runtime.control.rate import DeadlineGrid
-from edge_runtime.report import RunReport
+from edge_runtime.run.run_report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1
 PLAIN_INTERVAL_S = 1.0

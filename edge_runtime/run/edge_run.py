@@ -16,16 +16,16 @@ import msgspec
 from edge_runtime.common.command_line import check_output
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.console import LiveLine, output, summary, use_colour
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError, EdgeError
-from edge_runtime.flags import chosen_bridge, make_mission, make_parser
-from edge_runtime.last_words import say
 from edge_runtime.recording.recorder import Recorder, open_record
-from edge_runtime.report import RunReport, make_report
+from edge_runtime.run.console import LiveLine, output, summary, use_colour
+from edge_runtime.run.final_output import say
+from edge_runtime.run.flags import chosen_bridge, make_mission, make_parser
+from edge_runtime.run.run_report import RunReport, make_report
 from edge_runtime.team.membership import Alone, TeamLink, open_fleet
 from edge_runtime.telemetry.status_sender import Watch, open_watch
 
