@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.checkup import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can_bridge import CanFlags, make_spec
 from firmware_bridge.can_bus import bus_arguments

@@ -1,6 +1,6 @@
 """The check that every firmware must pass: who stops the robot when the guard itself has died."""
 
-from edge_runtime.checkup import Finding, fail, ok, warn
+from edge_runtime.doctor.finding import Finding, fail, ok, warn
 from firmware_bridge.guard_core import firmware_timeout_fault
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.checkup import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.common.key_file import read_key
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import EdgeError
 from firmware_bridge.doctor_firmware import firmware_timeout
 from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec

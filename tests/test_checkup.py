@@ -2,7 +2,7 @@
 
 import pytest
 
-from edge_runtime.checkup import Finding, Verdict, examine, fail, line, ok, warn
+from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, line, ok, warn
 from edge_runtime.errors import BridgeError
 
 

@@ -8,9 +8,9 @@ import pytest
 from can_peers import Chassis, guard_spec, multicast_address
 from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
-from edge_runtime.checkup import Verdict, examine
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Verdict, examine
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.can_bridge import CanFlags
 from firmware_bridge.can_interface import parse_interface

@@ -12,13 +12,13 @@ from importlib import metadata
 
 import pytest
 
-from edge_runtime import doctor_machine
-from edge_runtime.checkup import Verdict
-from edge_runtime.doctor_machine import clock, disk, examine_machine, realtime, versions
+from edge_runtime.doctor.edge_doctor import machine as doctor_machine
+from edge_runtime.doctor.finding import Verdict
+from edge_runtime.doctor.machine import clock, disk, examine_machine, realtime, versions
 
 ASKED_AND_TRIED = """
 import os, resource
-from edge_runtime.doctor_machine import realtime
+from edge_runtime.doctor.machine import realtime
 from edge_runtime.errors import ConfigError
 from edge_runtime.common.realtime import enter_realtime
 {before}

@@ -4,9 +4,9 @@ import pytest
 from mavlink_peers import ScriptedAutopilot, Ticks
 
 import firmware_bridge.mavlink_channel as mavlink_channel
-from edge_runtime.checkup import Verdict, examine
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Verdict, examine
 from edge_runtime.errors import ConfigError
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle

@@ -9,9 +9,9 @@ from bundle_files import MANIFEST, write_bundle
 from conftest import needs_kernel
 
 import edge_runtime.policy.bundle
-from edge_runtime import doctor_policy
-from edge_runtime.checkup import Verdict, examine
-from edge_runtime.doctor_policy import backend, bundle, parity
+from edge_runtime.doctor.edge_doctor import policy as doctor_policy
+from edge_runtime.doctor.finding import Verdict, examine
+from edge_runtime.doctor.policy import backend, bundle, parity
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 

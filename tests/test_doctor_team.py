@@ -8,10 +8,10 @@ import pytest
 from bundles import MANIFEST
 from test_fleet_udp import free_port
 
-from edge_runtime.checkup import Verdict
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
-from edge_runtime.doctor_team import examine_team
+from edge_runtime.doctor.finding import Verdict
+from edge_runtime.doctor.team import examine_team
 from edge_runtime.policy.bundle import Bundle
 
 

@@ -18,10 +18,10 @@ from fleet_fakes import ids
 from test_fleet import Process, hostile
 from test_fleet_udp import free_port
 
-from edge_runtime.checkup import Verdict
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
-from edge_runtime.doctor_team import examine_team
+from edge_runtime.doctor.finding import Verdict
+from edge_runtime.doctor.team import examine_team
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.team_wire import Frame, encode

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from edge_runtime.checkup import Finding, examine, fail, ok, warn
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Finding, examine, fail, ok, warn
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.agreement import TOLERANCE, largest_difference
 from edge_runtime.policy.backend import Backend

@@ -4,9 +4,9 @@ import socket
 from collections.abc import Iterator
 from functools import partial
 
-from edge_runtime.checkup import Finding, examine, fail, ok
 from edge_runtime.config.network import Endpoint, Robot, endpoint
 from edge_runtime.control.mission import Mission
+from edge_runtime.doctor.finding import Finding, examine, fail, ok
 from edge_runtime.team.membership import Alone, open_fleet
 
 

@@ -9,11 +9,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.checkup import Finding, Verdict, examine, fail, line
 from edge_runtime.control.mission import Mission
-from edge_runtime.doctor_machine import examine_machine
-from edge_runtime.doctor_policy import examine_policy
-from edge_runtime.doctor_team import examine_team
+from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, line
+from edge_runtime.doctor.machine import examine_machine
+from edge_runtime.doctor.policy import examine_policy
+from edge_runtime.doctor.team import examine_team
 from edge_runtime.errors import BundleError, EdgeError
 from edge_runtime.run.console import use_colour
 from edge_runtime.run.edge_run import BRIDGES

@@ -15,8 +15,8 @@ from typing import Final
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from edge_runtime.checkup import Finding, examine, fail, ok, warn
 from edge_runtime.common.realtime import PRIORITY
+from edge_runtime.doctor.finding import Finding, examine, fail, ok, warn
 
 DISTRIBUTION: Final = "cfpg-edge"
 COARSEST_CLOCK_S: Final = 1e-4

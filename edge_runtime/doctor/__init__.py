@@ -1,0 +1,1 @@
+"""edge-doctor: what a run rests on, checked before anybody arms."""
