@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.report_page.page import (
+from edge_runtime.tools.report.page.document import (
     Figure,
     Item,
     Note,

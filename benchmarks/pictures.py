@@ -20,8 +20,8 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.motion.outlook import Floats
 from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import Bundle, packaged_bundle
-from edge_runtime.report_page.animation import Load, Scene, animate, check_target
-from edge_runtime.report_page.arena import Circle
+from edge_runtime.tools.report.page.animation import Load, Scene, animate, check_target
+from edge_runtime.tools.report.page.arena import Circle
 from export.scenarios.balance_starts import LINE_LENGTH_M, PACKAGE_RADIUS_M
 from export.scenarios.scenario import Scenario
 

@@ -34,9 +34,9 @@ from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.recording.folder import run_name
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.wire import LogPlan
-from edge_runtime.report_page import chart
-from edge_runtime.report_page.page import Verdict
 from edge_runtime.run.edge_run import STAGES
+from edge_runtime.tools.report.page import chart
+from edge_runtime.tools.report.page.document import Verdict
 
 ALLOWED = 1.05
 """p99 with recording and watching, in parts of p99 without."""
@@ -213,7 +213,7 @@ def _team(plain: Path, watched: Path | None, common: list[str], duration: float)
 
 @contextlib.contextmanager
 def _watching(fleet: Path) -> Iterator[None]:
-    watch = _start("edge_runtime.watch", "--fleet", str(fleet))
+    watch = _start("edge_runtime.tools.watch", "--fleet", str(fleet))
     try:
         yield
     finally:

@@ -18,12 +18,12 @@ from edge_runtime.run.flags import make_parser as make_run_parser
 
 SHELLS: Final = ("bash", "zsh")
 MODULES: Final = {
-    "edge-replay": "edge_runtime.replay_command",
+    "edge-replay": "edge_runtime.tools.replay.edge_replay",
     "edge-sil": "firmware_bridge.sil.command",
-    "edge-watch": "edge_runtime.watch.command",
-    "edge-report": "edge_runtime.log_report.command",
-    "edge-ctl": "edge_runtime.ctl",
-    "edge-pose": "edge_runtime.pose.command",
+    "edge-watch": "edge_runtime.tools.watch.edge_watch",
+    "edge-report": "edge_runtime.tools.report.edge_report",
+    "edge-ctl": "edge_runtime.tools.ctl.edge_ctl",
+    "edge-pose": "edge_runtime.tools.pose.edge_pose",
     "edge-train": "export.train",
     "edge-export": "export.export_policy",
 }

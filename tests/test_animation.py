@@ -9,7 +9,7 @@ import pytest
 from report_files import record
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.report_page.animation import MOST_FRAMES, Scene, animate, check_target
+from edge_runtime.tools.report.page.animation import MOST_FRAMES, Scene, animate, check_target
 
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")

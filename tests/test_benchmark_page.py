@@ -17,7 +17,7 @@ from benchmarks.recording import Row as Recorded
 from benchmarks.recording import draw as draw_recording
 from benchmarks.recording import render as render_recording
 from edge_runtime.errors import ConfigError
-from edge_runtime.report_page.page import Figure, Note, Table, Verdict, render
+from edge_runtime.tools.report.page.document import Figure, Note, Table, Verdict, render
 
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"
 TEXT = """\

@@ -9,8 +9,8 @@ from functools import partial
 import pytest
 from test_fleet import Process, robot
 
-from edge_runtime import ctl
 from edge_runtime.network.order_wire import FILE_BYTES
+from edge_runtime.tools.ctl import edge_ctl as ctl
 
 SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n'
 

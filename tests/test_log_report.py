@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from report_files import record
 
-from edge_runtime.log_report.command import main
-from edge_runtime.log_report.digest import STAGES, digest
-from edge_runtime.log_report.sections import _verdicts
-from edge_runtime.log_report.team import fences, limits, separation, team_of
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import Tick
+from edge_runtime.tools.report.digest import STAGES, digest
+from edge_runtime.tools.report.edge_report import main
+from edge_runtime.tools.report.sections import _verdicts
+from edge_runtime.tools.report.team import fences, limits, separation, team_of
 
 pytest.importorskip("matplotlib")
 

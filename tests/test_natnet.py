@@ -11,7 +11,7 @@ from natnet.packet_buffer import PacketBuffer
 from natnet.version import Version
 from natnet_packets import frame, packet, rigid_body, server_info
 
-from edge_runtime.pose.natnet import (
+from edge_runtime.tools.pose.natnet import (
     Body,
     NatNetError,
     Server,

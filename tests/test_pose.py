@@ -15,12 +15,12 @@ from test_fleet_udp import free_port
 from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
-from edge_runtime.pose import command
-from edge_runtime.pose.feeds import NatNetFeed
-from edge_runtime.pose.recording import Sample, read_recording
-from edge_runtime.pose.velocity import VelocityFit
-from edge_runtime.stream_host import StreamHost
 from edge_runtime.team.membership import Alone, open_fleet
+from edge_runtime.tools.pose import edge_pose as command
+from edge_runtime.tools.pose.feeds import NatNetFeed
+from edge_runtime.tools.pose.recording import Sample, read_recording
+from edge_runtime.tools.pose.stream_host import StreamHost
+from edge_runtime.tools.pose.velocity import VelocityFit
 
 KEY = bytes(range(32))
 

@@ -29,8 +29,8 @@ from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.schema import End, Event, ObjectiveSet, Start
 from edge_runtime.recording.wire import LogPlan
-from edge_runtime.replay_command import main as replay
 from edge_runtime.run.edge_run import STAGES, main
+from edge_runtime.tools.replay.edge_replay import main as replay
 
 LOSS_S = 1.0
 

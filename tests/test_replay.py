@@ -14,8 +14,8 @@ from edge_runtime.guidance.flow import guided_action
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import ObjectiveSet, Start, Tick
-from edge_runtime.replay import Replay, recorded_policy, recorded_steering
-from edge_runtime.replay_command import main
+from edge_runtime.tools.replay.edge_replay import main
+from edge_runtime.tools.replay.replay import Replay, recorded_policy, recorded_steering
 
 NUMBER = 17
 NAVIGATION = str(PACKAGED / "navigation")

@@ -5,7 +5,7 @@ import shutil
 import pytest
 from report_files import record
 
-from edge_runtime.log_report.command import main
+from edge_runtime.tools.report.edge_report import main
 
 pytest.importorskip("matplotlib")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.report_page.page import (
+from edge_runtime.tools.report.page.document import (
     Facts,
     Figure,
     Note,
@@ -24,7 +24,7 @@ from edge_runtime.report_page.page import (
 
 pytest.importorskip("matplotlib")
 
-from edge_runtime.report_page import arena, chart  # needs matplotlib when it draws
+from edge_runtime.tools.report.page import arena, chart  # needs matplotlib when it draws
 
 TIME_S = np.arange(5000) / 100.0
 VOID = ("meta", "link", "br", "path", "use", "rect")

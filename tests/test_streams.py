@@ -20,10 +20,10 @@ from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
 from edge_runtime.network.team_wire import FrameError, Refusal
 from edge_runtime.network.udp import Datagram
-from edge_runtime.stream_host import StreamHost
 from edge_runtime.team.frame_rotation import turned
 from edge_runtime.team.membership import Alone, open_fleet
 from edge_runtime.team.streams import Stream, Streams
+from edge_runtime.tools.pose.stream_host import StreamHost
 
 KEY = hashlib.sha256(b"a key for tests").digest()
 POSE = (1.0, 2.0, 0.1, 0.2, 0.5)

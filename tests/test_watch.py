@@ -16,7 +16,7 @@ from edge_runtime.network.team_wire import decode as decode_frame
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, StatusError, decode, encode
 from edge_runtime.telemetry.status_sender import limit_text
-from edge_runtime.watch import plain, text
+from edge_runtime.tools.watch import plain, text
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 STATUSES = st.builds(
@@ -139,7 +139,7 @@ def test_plain_lines_hold_everything():
 
 def rendered(team, width, height=24):
     console = pytest.importorskip("rich.console")
-    view = importlib.import_module("edge_runtime.watch.view")
+    view = importlib.import_module("edge_runtime.tools.watch.view")
     terminal = console.Console(file=io.StringIO(), width=width, height=height, force_terminal=True)
     terminal.print(view.TeamView(team, "team.toml", "q ends"))
     return terminal.file.getvalue()

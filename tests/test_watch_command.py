@@ -24,7 +24,7 @@ from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, T
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.telemetry.status import decode, encode
 from edge_runtime.telemetry.status_sender import RATE_HZ, StatusSender, Unwatched, open_watch
-from edge_runtime.watch.command import main
+from edge_runtime.tools.watch.edge_watch import main
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.3, 0.0))
 TEAM = TeamState(OWN, (Teammate(RobotState(1, 0.0, (3.0, 4.0), (0.0, 0.0)), age_s=0.01),))
@@ -160,7 +160,7 @@ class Talking:
 
 
 def watch(fleet, *flags, **options):
-    command = [sys.executable, "-m", "edge_runtime.watch", "--fleet", str(fleet), *flags]
+    command = [sys.executable, "-m", "edge_runtime.tools.watch", "--fleet", str(fleet), *flags]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
@@ -202,7 +202,7 @@ def screen_of(output, columns=80, rows=24):
 @pytest.mark.parametrize("end", [b"q", b"\x03"], ids=["q", "ctrl-c"])
 def test_a_terminal_gets_a_screen_and_is_left_as_it_was(fleet, end):
     pytest.importorskip("rich")
-    command = [sys.executable, "-m", "edge_runtime.watch", "--fleet", str(fleet)]
+    command = [sys.executable, "-m", "edge_runtime.tools.watch", "--fleet", str(fleet)]
     child, terminal = pty.fork()
     if child == 0:
         size = {"TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}

@@ -3,7 +3,7 @@
 import hashlib
 
 from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status, encode
-from edge_runtime.watch.team import WatchedTeam
+from edge_runtime.tools.watch.team import WatchedTeam
 
 KEY = hashlib.sha256(b"a key for tests").digest()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.report_page import chart
+from edge_runtime.tools.report.page import chart
 
 DRAWN_MS = 100.0
 """The firmware's own timeout would hide what the guard takes."""

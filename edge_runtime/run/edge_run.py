@@ -208,7 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _animation() -> ModuleType:
     """Load what draws only where it is wanted: it needs an extra."""
-    return importlib.import_module("edge_runtime.log_report.animate")
+    return importlib.import_module("edge_runtime.tools.report.animate")
 
 
 def _complain(error: EdgeError | str, code: int) -> int:

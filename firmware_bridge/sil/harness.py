@@ -10,8 +10,8 @@ import msgspec
 
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import BridgeError
-from edge_runtime.operator_link import OperatorLink
 from edge_runtime.run.run_report import RunReport
+from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.sil.faults import CpuHog, Hostile
 from firmware_bridge.sil.field import FieldRecord, FieldSpec, FieldStart, record_path
 from firmware_bridge.sil.hostile import HostileSpec

@@ -86,7 +86,7 @@ class Injector:
 
     def _order(self, index: int, file: str) -> None:
         arguments = ("objectives", file, "--fleet", self._fleet_file)
-        self._crew.start(f"operator_{index}", "edge_runtime.ctl", arguments)
+        self._crew.start(f"operator_{index}", "edge_runtime.tools.ctl.edge_ctl", arguments)
 
     def _jump(self, seconds: float) -> None:
         if seconds:

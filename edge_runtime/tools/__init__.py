@@ -1,0 +1,1 @@
+"""For operator and workstation: nothing that drives a robot imports from here."""

@@ -1,0 +1,1 @@
+"""edge-ctl: orders from the operator to the whole team."""

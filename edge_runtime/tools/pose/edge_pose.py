@@ -1,0 +1,118 @@
+"""edge-pose: publishes the poses that robots ask for."""
+
+import argparse
+import ipaddress
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.key_file import read_key
+from edge_runtime.common.signals import StopSignals
+from edge_runtime.common.toml_file import refuse
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.network import Endpoint, endpoint
+from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.tools.pose.feeds import NatNetFeed, replay
+from edge_runtime.tools.pose.recording import Sample, read_recording
+from edge_runtime.tools.pose.stream_host import StreamHost
+
+DESCRIPTION: Final = """\
+Tell robots where they are: OptiTrack rigid bodies (NatNet 4.0, 4.1), or a recording, as authenticated frames.
+Serves the robots of the fleet file whose `pose` or `ranges` is this program's address, when they ask."""
+EPILOG: Final = """\
+exit codes:
+  0  the recording is over, or SIGTERM or SIGINT
+  2  a flag or file does not hold together, or Motive does not answer; one line says what
+
+examples:
+  edge-pose --fleet team.toml --natnet 10.0.0.9
+  edge-pose --fleet team.toml --replay poses.jsonl"""
+
+
+def make_parser() -> CommandParser:
+    """The command line."""
+    parser = CommandParser("edge-pose", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    add("--fleet", type=Path, required=True, metavar="FILE", help="the team's fleet file")
+    add("--key-file", type=Path, metavar="FILE", help="the team's key; default: the one that the fleet names")
+    add("--listen", metavar="ADDRESS", help="which of the fleet's streams this is, if it names several")
+    feed = parser.add_mutually_exclusive_group(required=True)
+    feed.add_argument("--natnet", type=_address, metavar="IP", help="machine that runs Motive")
+    feed.add_argument(
+        "--replay", type=Path, metavar="FILE", help="JSON lines or .csv: t, robot, x, y, heading[, vx, vy]"
+    )
+    add("--up", choices=("y", "z"), default="y", help="axis that Motive streams as up (default: y)")
+    return parser
+
+
+def _address(text: str) -> str:
+    try:
+        return str(ipaddress.IPv4Address(text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be an IPv4 address, got {text!r}") from None
+
+
+def _place(fleet: Fleet, listen: str | None) -> Endpoint:
+    """Return the address to serve, one that robots of the fleet name."""
+    named = {robot.pose: robot.pose_place for robot in fleet.robots if robot.pose_place}
+    named |= {robot.ranges: robot.ranges_place for robot in fleet.robots if robot.ranges_place}
+    if not named:
+        refuse(fleet.path, "robots", 'none names a stream; add pose = "10.0.0.5:47100" to each that has one')
+    if listen is None and len(named) == 1:
+        return next(iter(named.values()))
+    try:
+        place = endpoint(listen or "")
+    except ValueError:
+        place = None
+    if place is None or place not in named.values():
+        got = f", got {listen}" if listen else ""
+        raise ConfigError(f"--listen must be one of the fleet's streams, {', '.join(named)}{got}")
+    return place
+
+
+def _check_robots(samples: Sequence[Sample], poses: Sequence[int], ranges: Sequence[int], file: Path) -> None:
+    for sample in samples:
+        if sample.robot not in (poses if sample.ranges is None else ranges):
+            kind = "poses" if sample.ranges is None else "ranges"
+            raise ConfigError(f"{file}: robot {sample.robot} does not get its {kind} from here")
+
+
+def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
+    fleet = load_fleet(flags.fleet)
+    place = _place(fleet, flags.listen)
+    carrier = fleet.carrier
+    if carrier is None:
+        refuse(fleet.path, "carrier", "missing: streams need the team's key")
+    key = read_key(flags.key_file or fleet.path.parent / Path(carrier.key).expanduser())
+    poses = [robot.id for robot in fleet.robots if robot.pose_place == place]
+    ranges = [robot.id for robot in fleet.robots if robot.ranges_place == place]
+    places = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address}
+    samples = read_recording(flags.replay) if flags.replay else []
+    _check_robots(samples, poses, ranges, flags.replay)
+    with StreamHost(place, places, poses, ranges, key) as host:
+        if flags.replay:
+            replay(samples, host, ending)
+            return
+        bodies = {r.id if r.rigid_body is None else r.rigid_body: r.id for r in fleet.robots if r.id in poses}
+        with NatNetFeed(flags.natnet, bodies, flags.up) as feed:
+            feed.publish(host, ending)
+            if feed.refused:
+                print(f"edge-pose: {feed.refused} packets were not NatNet", file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-pose``; returns the exit code."""
+    try:
+        flags = make_parser().parse_args(arguments)
+        with StopSignals() as signals:
+            _serve(flags, lambda: signals.reason)
+    except EdgeError as error:
+        print(f"edge-pose: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,217 @@
+"""edge-replay: makes a log's decisions again and compares them, or asks what others would have been."""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.common.command_line import CommandParser, need
+from edge_runtime.config.fleet import Steering, load_steering
+from edge_runtime.errors import BundleError, ConfigError, EdgeError
+from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
+from edge_runtime.recording.reader import Damage, read_log
+from edge_runtime.recording.schema import ObjectiveSet, Record, Start, Tick
+from edge_runtime.tools.replay.question import Answer, speeds_m_s
+from edge_runtime.tools.replay.replay import Difference, Replay, recorded_policy, recorded_steering
+
+DESCRIPTION: Final = """\
+Make every decision of a run again from its log, and compare it bit for bit: the observation of each state,
+the action sampled for it, the command within its limits. A difference names the tick and the stage.
+With --objectives or another --policy: what it would have done with these instead, situation by situation."""
+EPILOG: Final = """\
+exit codes:
+  0  every tick came out as it was; or the question was answered
+  1  a tick came out otherwise; or a log breaks off or is damaged: what was read is judged, a line says where
+  2  a flag, log or bundle does not hold together; one line says what
+
+examples:
+  edge-replay run_000.mcap
+  edge-replay run_000.mcap --objectives slow.toml -o instead.png
+  edge-replay run_000.mcap --policy policies/new -o instead.png"""
+SHOWN: Final = 10
+"""So many differences are printed in full."""
+PROGRESS_S: Final = 0.5
+PICTURES: Final = (".png", ".pdf", ".svg")
+
+
+def make_parser() -> CommandParser:
+    """The command line."""
+    parser = CommandParser("edge-replay", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    add("logs", nargs="+", type=Path, metavar="LOG", help="MCAP files of edge-run")
+    add("--objectives", type=Path, metavar="FILE", help="what if these objectives and guidance had steered")
+    add(
+        "--policy",
+        type=Path,
+        metavar="DIR",
+        help="bundle; if it is not the one that the log was made with: what if it had decided",
+    )
+    add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been")
+    return parser
+
+
+@dataclass
+class Verdict:
+    """What came of one log."""
+
+    path: Path
+    ticks: int = 0
+    start: Start | None = None
+    differing: int = 0
+    """Ticks."""
+    differences: list[Difference] = field(default_factory=list)
+    """The first ones."""
+    damage: str = ""
+    answer: Answer | None = None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-replay``; returns the exit code."""
+    try:
+        flags = make_parser().parse_args(arguments)
+        steering = load_steering(flags.objectives) if flags.objectives else None
+        asked = load_bundle(flags.policy) if flags.policy else None
+        if flags.picture:
+            _check_picture(flags)
+        verdicts = [_replay(path, asked, steering) for path in flags.logs]
+        for verdict in verdicts:
+            print(_text(verdict, flags))
+            if flags.picture:
+                _draw(verdict, flags)
+    except EdgeError as error:
+        print(f"edge-replay: {error}", file=sys.stderr)
+        return 2
+    return 1 if any(verdict.differing or verdict.damage for verdict in verdicts) else 0
+
+
+def _replay(path: Path, asked: Bundle | None, steering: Steering | None) -> Verdict:
+    verdict, replay = Verdict(path), None
+    for record in _with_progress(read_log(path), path):
+        if isinstance(record, Start):
+            verdict.start = record
+            bundle = asked or _recorded_bundle(record, path)
+            replay = Replay(record, bundle, recorded_policy(record, bundle))
+            if steering is not None or bundle.sha256 != record.bundle.sha256:
+                verdict.answer = Answer(record)
+            if steering is not None:
+                replay.steer(steering.guidance, steering.objectives)
+        elif isinstance(record, ObjectiveSet) and replay is not None and steering is None:
+            replay.steer(*recorded_steering(record, path))
+        elif isinstance(record, Tick) and replay is not None:
+            _judge(verdict, record, replay)
+        elif isinstance(record, Damage):
+            verdict.damage = record.message
+    if not verdict.ticks:
+        raise ConfigError(f"{path}: holds no tick{f': {verdict.damage}' if verdict.damage else ''}")
+    return verdict
+
+
+def _judge(verdict: Verdict, tick: Tick, replay: Replay) -> None:
+    verdict.ticks += 1
+    if verdict.answer is not None:
+        verdict.answer.take(tick, replay)
+        return
+    found = list(replay.differences(tick))
+    verdict.differing += bool(found)
+    verdict.differences += found[: SHOWN - len(verdict.differences)]
+
+
+def _recorded_bundle(start: Start, path: Path) -> Bundle:
+    """Find the bundle that a log was made with, by its digest."""
+    wanted = start.bundle
+    for directory in (PACKAGED / wanted.name, Path(wanted.directory)):
+        try:
+            bundle = load_bundle(directory)
+        except BundleError:
+            continue
+        if bundle.sha256 == wanted.sha256:
+            return bundle
+    raise ConfigError(
+        f"{path}: was made with policy {wanted.name!r}, manifest SHA-256 {wanted.sha256[:12]}..., which is "
+        f"neither packaged nor in {wanted.directory} now; give its directory with --policy, or another one's "
+        "to ask what that would have done"
+    )
+
+
+def _check_picture(flags: argparse.Namespace) -> None:
+    if not (flags.objectives or flags.policy):
+        raise ConfigError("-o draws what would have been: say with --objectives or --policy what if")
+    if len(flags.logs) > 1:
+        raise ConfigError(f"-o {flags.picture}: one picture shows one log, got {len(flags.logs)}")
+    if flags.picture.suffix.lower() not in PICTURES:
+        raise ConfigError(f"-o {flags.picture}: a picture's name ends in {', '.join(PICTURES)}")
+    need("matplotlib", "train")
+    try:
+        flags.picture.open("ab").close()
+    except OSError as error:
+        raise ConfigError(f"-o {flags.picture}: cannot be written ({error.strerror})") from error
+
+
+def _draw(verdict: Verdict, flags: argparse.Namespace) -> None:
+    from edge_runtime.tools.replay.picture import draw  # noqa: PLC0415  # matplotlib is a workstation's
+
+    if verdict.answer is None:
+        raise ConfigError(
+            f"-o {flags.picture}: {flags.policy} is the policy that the log was made with: nothing to compare"
+        )
+    draw(verdict.answer, _question(flags), flags.picture)
+
+
+def _question(flags: argparse.Namespace) -> str:
+    return " and ".join(str(path) for path in (flags.objectives, flags.policy) if path)
+
+
+def _text(verdict: Verdict, flags: argparse.Namespace) -> str:
+    start = verdict.start
+    lines = []
+    if start is not None:
+        engine = f", {start.settings.engine}" if start.settings.engine else ""
+        lines += [
+            f"{verdict.path}: robot {start.robot_id}, policy {start.bundle.name} "
+            f"({start.settings.backend}{engine}), {verdict.ticks} ticks"
+        ]
+    if verdict.answer is not None:
+        lines += _answer_lines(verdict.answer, _question(flags))
+    elif not verdict.differing:
+        lines += [f"  identical   {verdict.ticks} ticks, bit for bit: observation, action, command"]
+    else:
+        lines += [f"  differs     {verdict.differing} of {verdict.ticks} ticks"]
+        lines += [f"              {difference}" for difference in verdict.differences]
+        if start is not None:
+            lines += [f"  made on     {start.machine.processor}, numpy {start.versions.numpy}"]
+    if verdict.damage:
+        lines += [f"  damaged     {verdict.damage}; what comes later is not judged"]
+    return "\n".join(lines)
+
+
+def _answer_lines(answer: Answer, question: str) -> list[str]:
+    changes = answer.changes()
+    done, instead = speeds_m_s(answer.done).max(), speeds_m_s(answer.instead).max()
+    stops = sum(bool(command.stop_reason) for command in answer.instead)
+    return [
+        f"  what if     {question}",
+        f"  actions     {int((changes > 0.0).sum())} of {len(changes)} would differ, "
+        f"by {changes.mean():.3f} on average, {changes.max():.3f} at most",
+        f"  speed       {done:.3f} m/s commanded at most, {instead:.3f} m/s instead",
+        f"  stops       {sum(bool(command.stop_reason) for command in answer.done)} ticks, {stops} instead",
+    ]
+
+
+def _with_progress(records: Iterator[Record | Damage], path: Path) -> Iterator[Record | Damage]:
+    """Pass records on; on a terminal, count the ticks."""
+    shown, ticks, due_s = sys.stderr.isatty(), 0, time.monotonic() + PROGRESS_S
+    for record in records:
+        yield record
+        ticks += isinstance(record, Tick)
+        if shown and time.monotonic() >= due_s:
+            due_s += PROGRESS_S
+            print(f"\r{path.name}: {ticks} ticks\x1b[K", end="", file=sys.stderr, flush=True)
+    if shown:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""One run's records as arrays over its ticks."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from edge_runtime.errors import ConfigError
+from edge_runtime.recording.schema import End, Event, ObjectiveSet, Record, StageTimes, Start, Tick
+from edge_runtime.tools.report.page.chart import Floats
+
+STAGES = StageTimes.__struct_fields__
+
+
+@dataclass(frozen=True)
+class RunDigest:
+    """T ticks of one robot; what a tick did not have is NaN."""
+
+    start: Start
+    sets: tuple[tuple[float, ObjectiveSet], ...]
+    """(time, what steered from then on)."""
+    events: tuple[Event, ...]
+    end: End | None
+    """None if the log breaks off."""
+    time_s: Floats
+    """(T,), since 1970."""
+    motion: dict[int, Floats]
+    """(T, 4) by robot: position in m, velocity in m/s, as this robot knew them."""
+    age_s: dict[int, Floats]
+    """(T,) by teammate."""
+    stage_us: Floats
+    """(T, len(STAGES))."""
+    misses: Floats
+    """(T,), since the start."""
+    stopped: tuple[str, ...]
+    """(T,): why the command was zero, or empty."""
+    costs: dict[str, Floats]
+    """(T,) by objective."""
+    conflicts: dict[str, Floats]
+    """(T,) by objective: share of the sample's steps in which it pulled against another one."""
+    projected: Floats
+    """(T,): share of the sample's steps in which a projection changed the guidance."""
+    cut: Floats
+    """(T,): 1 where the deadline cut the sample."""
+
+
+@dataclass
+class _Columns:
+    """What grows tick by tick."""
+
+    time_s: list[float] = field(default_factory=list)
+    motion: dict[int, dict[int, tuple[float, ...]]] = field(default_factory=dict)
+    age_s: dict[int, dict[int, float]] = field(default_factory=dict)
+    stage_us: list[tuple[float, ...]] = field(default_factory=list)
+    misses: list[float] = field(default_factory=list)
+    stopped: list[str] = field(default_factory=list)
+    costs: dict[str, dict[int, float]] = field(default_factory=dict)
+    conflicts: dict[str, dict[int, float]] = field(default_factory=dict)
+    projected: list[float] = field(default_factory=list)
+    cut: list[float] = field(default_factory=list)
+
+    def add(self, tick: Tick, time_s: float, objectives: list[str]) -> None:
+        row, action, steps = len(self.time_s), tick.action, max(1, tick.action.steps)
+        self.time_s.append(time_s)
+        for state in (tick.state.own, *(mate.state for mate in tick.state.teammates)):
+            self.motion.setdefault(state.robot_id, {})[row] = (*state.position_m, *state.velocity_m_s)
+        for mate in tick.state.teammates:
+            self.age_s.setdefault(mate.state.robot_id, {})[row] = mate.age_s
+        self.stage_us.append(tuple(getattr(tick.timing, stage) for stage in STAGES))
+        self.misses.append(tick.inputs.misses)
+        self.stopped.append(tick.command.stop_reason)
+        for name, cost in zip(objectives, action.costs, strict=False):  # a refused sample has none
+            self.costs.setdefault(name, {})[row] = cost
+        for name, count in zip(objectives, action.conflicts, strict=False):
+            self.conflicts.setdefault(name, {})[row] = count / steps
+        self.projected.append(action.projections / steps)
+        self.cut.append(float(action.cut))
+
+
+def digest(records: Iterable[Record], name: str) -> RunDigest:
+    """Gather one run's records, as its log has them in order.
+
+    Raises:
+        ConfigError: if there is no start; ``name`` is what the message calls the log.
+    """
+    start: Start | None = None
+    end: End | None = None
+    sets: list[tuple[float, ObjectiveSet]] = []
+    events: list[Event] = []
+    columns, objectives, now_s = _Columns(), list[str](), 0.0
+    for record in records:
+        if isinstance(record, Start):
+            start, now_s = start or record, record.started_unix_s
+        elif isinstance(record, ObjectiveSet):
+            if not sets or sets[-1][1] != record:
+                sets.append((columns.time_s[-1] if columns.time_s else now_s, record))
+            objectives = active_names(record)
+        elif isinstance(record, Tick) and start is not None:
+            columns.add(record, start.started_unix_s + record.inputs.deadline_s - start.started_s, objectives)
+        elif isinstance(record, Event):
+            events.append(record)
+        elif isinstance(record, End):
+            end = record
+    if start is None:
+        raise ConfigError(f"{name}: holds no run's start")
+    return _arranged(start, tuple(sets), tuple(events), end, columns)
+
+
+def active_names(chosen: ObjectiveSet) -> list[str]:
+    """Names of the objectives that steer, in the order of a sample's costs, each its own."""
+    names = [item.name for item in chosen.objectives if item.active]
+    return [
+        f"{name} {names[:place].count(name) + 1}" if names.count(name) > 1 else name
+        for place, name in enumerate(names)
+    ]
+
+
+def _arranged(
+    start: Start,
+    sets: tuple[tuple[float, ObjectiveSet], ...],
+    events: tuple[Event, ...],
+    end: End | None,
+    columns: _Columns,
+) -> RunDigest:
+    count = len(columns.time_s)
+    return RunDigest(
+        start,
+        sets,
+        events,
+        end,
+        np.array(columns.time_s),
+        {robot: _filled(rows, count, 4) for robot, rows in sorted(columns.motion.items())},
+        {robot: _filled(rows, count, 1)[:, 0] for robot, rows in sorted(columns.age_s.items())},
+        np.array(columns.stage_us, np.float64).reshape(count, len(STAGES)),
+        np.array(columns.misses, np.float64),
+        tuple(columns.stopped),
+        {name: _filled(rows, count, 1)[:, 0] for name, rows in columns.costs.items()},
+        {name: _filled(rows, count, 1)[:, 0] for name, rows in columns.conflicts.items()},
+        np.array(columns.projected),
+        np.array(columns.cut),
+    )
+
+
+def _filled(rows: "dict[int, tuple[float, ...]] | dict[int, float]", count: int, width: int) -> Floats:
+    table = np.full((count, width), math.nan)
+    if rows:
+        table[list(rows)] = np.array(list(rows.values()), np.float64).reshape(len(rows), width)
+    return table

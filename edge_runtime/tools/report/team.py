@@ -1,0 +1,138 @@
+"""Several robots' runs on one time axis."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from edge_runtime.control.monitor import SETTLE_S
+from edge_runtime.messages import Vector2
+from edge_runtime.recording.schema import RobotPlace
+from edge_runtime.tools.report.digest import RunDigest
+from edge_runtime.tools.report.page.arena import Circle
+from edge_runtime.tools.report.page.chart import Floats, Limit
+
+
+@dataclass(frozen=True)
+class RobotTrack:
+    """Where one robot was: from its own log, or else as the first robot that has one saw it."""
+
+    place: RobotPlace
+    time_s: Floats
+    """(T,), since the report's zero."""
+    position_m: Floats
+    """(T, 2)"""
+    velocity_m_s: Floats
+    """(T, 2)"""
+
+    @property
+    def name(self) -> str:
+        """What charts call it."""
+        return f"robot {self.place.robot_id}"
+
+    @property
+    def speed_m_s(self) -> Floats:
+        """(T,) lengths of the velocity."""
+        return np.hypot(*self.velocity_m_s.T)
+
+    @property
+    def goal_distance_m(self) -> Floats:
+        """(T,) distances to its own goal."""
+        return np.hypot(*(self.position_m - np.array(self.place.goal_m)).T)
+
+
+@dataclass(frozen=True)
+class TeamDigest:
+    """The runs of one team; all times count from the first robot's start."""
+
+    runs: tuple[RunDigest, ...]
+    zero_s: float
+    """The report's zero, since 1970."""
+    tracks: tuple[RobotTrack, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """To the newest tick of any robot."""
+        return max((float(run.time_s[-1]) - self.zero_s for run in self.runs if len(run.time_s)), default=0.0)
+
+    def times(self, run: RunDigest) -> Floats:
+        """(T,) times of a run's ticks since the report's zero."""
+        return run.time_s - self.zero_s
+
+
+def team_of(runs: Sequence[RunDigest]) -> TeamDigest:
+    """Lay runs, one at least, on one axis; the first one's fleet file says who is in the team."""
+    zero_s = min(run.start.started_unix_s for run in runs)
+    by_own = {run.start.robot_id: run for run in runs}
+    tracks = []
+    for place in runs[0].start.fleet.robots:
+        source = by_own.get(place.robot_id) or next(
+            (run for run in runs if place.robot_id in run.motion), None
+        )
+        if source is None or place.robot_id not in source.motion:
+            continue
+        motion = source.motion[place.robot_id]
+        tracks.append(RobotTrack(place, source.time_s - zero_s, motion[:, :2], motion[:, 2:]))
+    return TeamDigest(tuple(runs), zero_s, tuple(tracks))
+
+
+def separation(one: RobotTrack, team: TeamDigest) -> Floats:
+    """(T,) distance from one robot to the nearest other centre, at its own ticks; NaN without any."""
+    nearest = np.full(len(one.time_s), np.inf)
+    for other in team.tracks:
+        if other is one or not len(other.time_s):
+            continue
+        there = np.column_stack([np.interp(one.time_s, other.time_s, axis) for axis in other.position_m.T])
+        together = (one.time_s >= other.time_s[0] - 0.1) & (one.time_s <= other.time_s[-1] + 0.1)
+        distance = np.hypot(*(one.position_m - there).T)
+        nearest = np.fmin(nearest, np.where(together, distance, np.inf))
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def limits(team: TeamDigest, kind: str, field: str, unit: str) -> list[Limit]:
+    """What objectives of a kind asked for in any of the runs' sets, guided or not."""
+    values = {
+        json.loads(item.parameters)[field]
+        for run in team.runs
+        for _, chosen in run.sets
+        for item in chosen.objectives
+        if item.kind == kind
+    }
+    return [Limit(value, f"{kind.replace('_', ' ')} {value:g} {unit}") for value in sorted(values)]
+
+
+class Stretch(NamedTuple):
+    """When a limit was to be kept, since the report's zero."""
+
+    limit: float
+    begin_s: float
+    end_s: float
+
+
+def stretches(team: TeamDigest, kind: str, field: str) -> list[Stretch]:
+    """When each limit of a kind held: sets that were taken up while driving from `SETTLE_S` later on."""
+    found = set()
+    for run in team.runs:
+        ends = [time_s - team.zero_s for time_s, _ in run.sets[1:]] + [math.inf]
+        begin_s = -math.inf
+        for (_, chosen), end_s in zip(run.sets, ends, strict=True):
+            asked = [json.loads(item.parameters)[field] for item in chosen.objectives if item.kind == kind]
+            found |= {Stretch(limit, begin_s, end_s) for limit in asked}
+            begin_s = end_s + SETTLE_S
+    return sorted(found)
+
+
+def fences(team: TeamDigest) -> list[Circle]:
+    """Circles that any objective names by ``centre_m`` and ``radius_m``."""
+    found: dict[tuple[Vector2, float], Circle] = {}
+    for run in team.runs:
+        for _, chosen in run.sets:
+            for item in chosen.objectives:
+                asked = json.loads(item.parameters)
+                if "centre_m" in asked and "radius_m" in asked:
+                    centre = (float(asked["centre_m"][0]), float(asked["centre_m"][1]))
+                    found[centre, asked["radius_m"]] = Circle(centre, asked["radius_m"], item.name)
+    return list(found.values())

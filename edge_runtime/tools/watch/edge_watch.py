@@ -1,0 +1,142 @@
+"""edge-watch: the whole team in a terminal, in a process of its own."""
+
+import argparse
+import importlib
+import os
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from edge_runtime.common.command_line import CommandParser, need
+from edge_runtime.common.key_file import read_key
+from edge_runtime.common.signals import StopSignals
+from edge_runtime.common.toml_file import refuse
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.network import endpoint
+from edge_runtime.errors import EdgeError
+from edge_runtime.tools.watch import plain
+from edge_runtime.tools.watch.team import WatchedTeam, arrived, listen
+
+DESCRIPTION: Final = """\
+Show every robot of a team: goals, speed and separation against their limits, rates and missed deadlines,
+costs of the objectives, conflicts, times of each stage, ages of messages, why a robot stands.
+It runs on the machine that [watch] of the fleet file names; robots send there and never listen to it."""
+EPILOG: Final = """\
+columns:
+  state    driving, stopped (the reason is below), silent for a second or more, or a clock that is far off:
+           then it may be a recording
+  speed, nearest, rate   measured / limit, margin, asked for
+  set      version of the objectives that the robot follows
+  cost     for each objective: what it asks, its cost (0: kept), share of steps in conflict with another
+  p50/p99  of the last 2 s, for the tick and each of its stages
+  age      of what each robot knew of the others in its newest tick
+
+keys: q or Ctrl-C ends
+
+exit codes:
+  0  ended by q, Ctrl-C or SIGTERM; with --once: every robot was heard
+  1  with --once: a robot was not heard
+  2  a flag, file or address does not hold together; one line says what
+
+examples:
+  edge-watch --fleet team.toml --key-file team.key
+  edge-watch --fleet team.toml --once               a script asks: is everybody there?
+  edge-watch --fleet team.toml | tee team.log       plain lines, one a robot and second
+  ssh -t station edge-watch --fleet team.toml       over ssh, which needs -t for a terminal
+  python -m edge_runtime.tools.watch --fleet team.toml    the same command"""
+PLAIN_S: Final = 1.0
+ONCE_S: Final = 3.0
+"""Longest wait of --once: a robot talks five times a second."""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = CommandParser("edge-watch", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    add("--fleet", type=Path, required=True, metavar="FILE", help="TOML: the team, with [watch] address")
+    add("--key-file", type=Path, metavar="FILE", help="the team's key; default: the one the fleet file names")
+    add("--once", action="store_true", help=f"print the team when all were heard or {ONCE_S:g} s passed")
+    return parser
+
+
+def open_watch(fleet: Fleet, key_file: Path | None) -> tuple[WatchedTeam, socket.socket]:
+    """Open what the robots send to.
+
+    Raises:
+        ConfigError: if the fleet names no watcher, the key cannot be used, or the address is not ours.
+    """
+    if fleet.watch is None or fleet.carrier is None:
+        refuse(fleet.path, "watch", 'missing; add [watch] address = "10.0.0.5:47900", this machine\'s')
+    key = read_key(key_file or fleet.path.parent / Path(fleet.carrier.key).expanduser())
+    team = WatchedTeam((robot.id for robot in fleet.robots), key)
+    return team, listen(endpoint(fleet.watch.address))
+
+
+def print_lines(team: WatchedTeam, opened: socket.socket, ended: Callable[[], bool]) -> None:
+    """Print a line for each robot, each second."""
+    due_s = time.monotonic() + PLAIN_S
+    while not ended():
+        _receive(team, opened, due_s)
+        if time.monotonic() >= due_s:
+            due_s += PLAIN_S
+            print(*plain.lines(team), sep="\n", flush=True)
+
+
+def print_once(team: WatchedTeam, opened: socket.socket, ended: Callable[[], bool]) -> bool:
+    """Print a line for each robot as soon as all were heard; whether they were."""
+    until_s = time.monotonic() + ONCE_S
+    while not ended() and not team.all_heard and time.monotonic() < until_s:
+        _receive(team, opened, until_s)
+    print(*plain.lines(team), sep="\n", flush=True)
+    return team.all_heard
+
+
+def _receive(team: WatchedTeam, opened: socket.socket, until_s: float) -> None:
+    """Wait for packets, not beyond a time, and take them in."""
+    select.select([opened], [], [], min(0.2, max(0.0, until_s - time.monotonic())))
+    for packet in arrived(opened):
+        team.take(packet)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-watch``; returns the exit code."""
+    try:
+        flags = make_parser().parse_args(arguments)
+        fleet = load_fleet(flags.fleet)
+        on_screen = not flags.once and _draws()
+        if on_screen:
+            need("rich", "watch")
+        team, opened = open_watch(fleet, flags.key_file)
+    except EdgeError as error:
+        print(f"edge-watch: {error}", file=sys.stderr)
+        return 2
+    with opened, StopSignals() as signals:
+
+        def ended() -> bool:
+            return bool(signals.reason)
+
+        try:
+            if flags.once:
+                return 0 if print_once(team, opened, ended) else 1
+            if on_screen:
+                screen = importlib.import_module("edge_runtime.tools.watch.screen")  # needs rich
+                screen.watch_on_screen(team, opened, fleet.path.name, ended)
+            else:
+                print_lines(team, opened, ended)
+        except BrokenPipeError:
+            # What is still buffered must not fail again when the interpreter exits.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _draws() -> bool:
+    """Whether standard output is a terminal that can place text."""
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
