@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.completion import MODULES, script
+from edge_runtime.completion.completion import MODULES, script
 
 PYPROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text()
 SCRIPTS = dict(re.findall(r'^(edge-\w+) = "(.+):main"$', PYPROJECT, re.MULTILINE))
