@@ -8,7 +8,6 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.base_kinematics import Motion, motion_for
 from firmware_bridge.can_bus import CanBus
 from firmware_bridge.can_codec import CanCodec
 from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
@@ -18,6 +17,7 @@ from firmware_bridge.can_odrive import watchdog_timeout_s
 from firmware_bridge.can_profile import Profile, load_profile
 from firmware_bridge.guard_link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.kinematics.base import Motion, motion_for
 
 STANDSTILL = Motion()
 STOP_TRIES = 50

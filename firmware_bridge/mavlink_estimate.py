@@ -3,7 +3,7 @@
 import math
 
 from edge_runtime.messages import RobotState, Vector2
-from firmware_bridge.frames import rotate, swap_enu_ned, swap_flu_frd, swap_heading_yaw, yaw_of
+from firmware_bridge.kinematics.frames import rotate, swap_enu_ned, swap_flu_frd, swap_heading_yaw, yaw_of
 from firmware_bridge.mavlink_clock import Clock
 from firmware_bridge.mavlink_messages import Attitude, LocalPosition, Odometry
 

@@ -3,7 +3,7 @@
 import msgspec
 
 from edge_runtime.messages import Vector2
-from firmware_bridge.frames import Quaternion
+from firmware_bridge.kinematics.frames import Quaternion
 
 
 class Heartbeat(msgspec.Struct, frozen=True, gc=False):

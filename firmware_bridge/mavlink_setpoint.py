@@ -4,9 +4,9 @@ import math
 
 from edge_runtime.messages import RobotState, Vector2
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.base_kinematics import Base, motion_for
-from firmware_bridge.frames import swap_enu_ned
 from firmware_bridge.guard_link import Limits, Setpoint
+from firmware_bridge.kinematics.base import Base, motion_for
+from firmware_bridge.kinematics.frames import swap_enu_ned
 from firmware_bridge.mavlink_messages import Target
 from firmware_bridge.mavlink_profiles import (
     ACCELERATION_ONLY,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.base_kinematics import Base, Motion, motion_for, yaw_from_steering
+from firmware_bridge.kinematics.base import Base, Motion, motion_for, yaw_from_steering
 
 OMNI = Base("omnidirectional")
 STRICT = Base("differential")

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from firmware_bridge.frames import rotate, swap_enu_ned, swap_flu_frd, swap_heading_yaw, wrap, yaw_of
+from firmware_bridge.kinematics.frames import (
+    rotate,
+    swap_enu_ned,
+    swap_flu_frd,
+    swap_heading_yaw,
+    wrap,
+    yaw_of,
+)
 
 numbers = st.floats(-1e3, 1e3)
 vectors = st.tuples(numbers, numbers)

@@ -7,7 +7,7 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.run.edge_run import BRIDGES
 from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.ctl.operator_link import OperatorLink
-from firmware_bridge.frames import rotate
+from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.sil.can_node import PROFILE
 from firmware_bridge.sil.mavlink_node import AUTOPILOT
 from firmware_bridge.sil.scenario import GUARD_PERIODS, Scenario, Station

@@ -1,6 +1,6 @@
 """The plant that the firmware nodes drive: the manifest's dynamics, VMAS's contacts, wheels that turn.
 
-A robot's disc sits on the point that its base steers (`firmware_bridge.base_kinematics.Base.reference_m`
+A robot's disc sits on the point that its base steers (`firmware_bridge.kinematics.base.Base.reference_m`
 ahead of the axle), which can move in any direction: forward with the wheels, sideways with the yaw rate. Its
 firmware follows a commanded motion as hard as the manifest's action limits allow.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Floats
 from edge_runtime.policy.manifest import Manifest
-from firmware_bridge.frames import rotate, wrap
+from firmware_bridge.kinematics.frames import rotate, wrap
 from firmware_bridge.plant import contact_forces
 
 

@@ -7,7 +7,7 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Vector2
-from firmware_bridge.frames import rotate
+from firmware_bridge.kinematics.frames import rotate
 
 SIDEWAYS_TOLERANCE_M_S = 0.01
 """Sideways velocity that a base with ``sideways = "refuse"`` ignores."""
