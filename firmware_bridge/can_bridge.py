@@ -11,9 +11,9 @@ from firmware_bridge.can_codec import CanCodec
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_link import CanOptions
 from firmware_bridge.can_profile import Profile, load_profile, profile_path
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 
 
 class CanFlags(msgspec.Struct, frozen=True):

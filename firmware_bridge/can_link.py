@@ -15,8 +15,8 @@ from firmware_bridge.can_frame import Frame, Transport
 from firmware_bridge.can_limo import LimoPort
 from firmware_bridge.can_odrive import watchdog_timeout_s
 from firmware_bridge.can_profile import Profile, load_profile
-from firmware_bridge.guard_link import Condition, Health, Setpoint, Steps
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
+from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Motion, motion_for
 
 STANDSTILL = Motion()

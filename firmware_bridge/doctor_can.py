@@ -16,9 +16,9 @@ from firmware_bridge.can_bus import bus_arguments
 from firmware_bridge.can_interface import Interface, show_interface
 from firmware_bridge.can_link import CanLink, make_link
 from firmware_bridge.can_profile import Profile, load_profile, profile_path
-from firmware_bridge.doctor_firmware import firmware_timeout
-from firmware_bridge.guard_link import Condition, Health
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.diagnostics import firmware_timeout
+from firmware_bridge.guard.link import Condition, Health
+from firmware_bridge.guard.spec import GuardSpec
 
 LISTEN_S = 2.0
 """Longer than the slowest feedback of any shipped profile takes to come."""

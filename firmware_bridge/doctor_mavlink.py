@@ -12,7 +12,7 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import EdgeError
-from firmware_bridge.doctor_firmware import firmware_timeout
+from firmware_bridge.guard.diagnostics import firmware_timeout
 from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec
 from firmware_bridge.mavlink_channel import Channel
 from firmware_bridge.mavlink_clock import Clock

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.guard_link import Steps
+from firmware_bridge.guard.link import Steps
 from firmware_bridge.mavlink_channel import Channel
 from firmware_bridge.mavlink_messages import Command, CommandResult, Content, Outgoing, StatusText
 from firmware_bridge.mavlink_profiles import Mode, Profile

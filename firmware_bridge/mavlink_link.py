@@ -8,8 +8,8 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard_link import Condition, Health, Limits, Link, Setpoint, Steps
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Condition, Health, Limits, Link, Setpoint, Steps
+from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink_channel import Channel
 from firmware_bridge.mavlink_clock import Clock

@@ -4,7 +4,7 @@ import math
 
 from edge_runtime.messages import RobotState, Vector2
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard_link import Limits, Setpoint
+from firmware_bridge.guard.link import Limits, Setpoint
 from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
 from firmware_bridge.mavlink_messages import Target

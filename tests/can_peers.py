@@ -13,8 +13,8 @@ import msgspec
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_link import CanOptions
 from firmware_bridge.can_profile import profile_path
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.spec import GuardSpec
 
 COMMANDS = (0x111, 0x131, 0x421, 0x441)
 
@@ -94,8 +94,8 @@ class Chassis:
 RUNTIME = """
 import sys, time, msgspec
 from edge_runtime.messages import Command
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
 with GuardedBridge(msgspec.json.decode(sys.argv[1], type=GuardSpec)) as bridge:
     print(bridge.guard_pid, flush=True)
     for sequence in range(1_000_000):

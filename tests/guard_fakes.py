@@ -6,8 +6,8 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard_link import Condition, Health, Limits, Setpoint
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Condition, Health, Limits, Setpoint
+from firmware_bridge.guard.spec import GuardSpec
 
 
 def spec(**changes) -> GuardSpec:

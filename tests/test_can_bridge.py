@@ -24,8 +24,8 @@ from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_frame import Frame
 from firmware_bridge.can_limo import FrameReader, frame_bytes
 from firmware_bridge.can_link import CanOptions
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.link import Limits
 
 ACTION = (ActionField("x", "N", -1.0, 1.0), ActionField("y", "N", -2.0, 0.5))
 MANIFEST = Manifest(

@@ -6,7 +6,7 @@ import pytest
 from firmware_bridge.can_codec import Decoded
 from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
 from firmware_bridge.can_profile import Feedback, MotionSignals, Rule
-from firmware_bridge.guard_link import Condition
+from firmware_bridge.guard.link import Condition
 from firmware_bridge.kinematics.base import Base, Motion
 
 OMNI = Base("omnidirectional")

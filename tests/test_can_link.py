@@ -12,7 +12,7 @@ from firmware_bridge.can_frame import Frame
 from firmware_bridge.can_limo import LimoPort
 from firmware_bridge.can_link import STOP_TRIES, CanLink, make_link
 from firmware_bridge.can_profile import load_profile, profile_path
-from firmware_bridge.guard_link import Condition, Setpoint
+from firmware_bridge.guard.link import Condition, Setpoint
 
 READY = Frame(0x211, bytes([0, 1, 0, 0, 0, 0, 0, 0]))
 OPERATOR = Frame(0x211, bytes([0, 3, 0, 0, 0, 0, 0, 0]))

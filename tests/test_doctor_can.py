@@ -25,8 +25,8 @@ from firmware_bridge.doctor_can import (
     restart,
     serial_port,
 )
-from firmware_bridge.doctor_firmware import firmware_timeout
-from firmware_bridge.guard_spec import GuardFlags
+from firmware_bridge.guard.diagnostics import firmware_timeout
+from firmware_bridge.guard.spec import GuardFlags
 
 PERIOD_S = 0.02
 

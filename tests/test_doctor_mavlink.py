@@ -11,7 +11,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.doctor_mavlink import autopilot, examine_link, listen, mode, signing
-from firmware_bridge.guard_spec import GuardFlags
+from firmware_bridge.guard.spec import GuardFlags
 from firmware_bridge.mavlink_bridge import MavlinkFlags
 from firmware_bridge.mavlink_messages import Heartbeat
 from firmware_bridge.mavlink_options import MavlinkOptions

@@ -17,8 +17,8 @@ from benchmarks.faults.mavlink_firmware import MavlinkFirmware
 from benchmarks.faults.rows import Row, measured, table, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from edge_runtime.errors import BridgeError
-from firmware_bridge import guard_core
-from firmware_bridge.guard_link import Limits
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.process import core as guard_core
 from firmware_bridge.mavlink_signing import Signing, Verdict
 
 FIRMWARES = pytest.mark.parametrize("firmware", [CanFirmware, MavlinkFirmware])

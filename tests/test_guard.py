@@ -12,14 +12,14 @@ import msgspec
 import pytest
 from guard_fakes import FakeLink, spec
 
-import firmware_bridge.guard as guard_module
+import firmware_bridge.guard.process as guard_module
 from edge_runtime.messages import RobotState
 from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_link import CanLink, CanOptions
 from firmware_bridge.can_profile import profile_path
-from firmware_bridge.guard import PACKETS_A_PASS, main
-from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_wire import Event, Phase, Report, decode_answer, encode_command, encode_stop
+from firmware_bridge.guard.link import Setpoint
+from firmware_bridge.guard.process import PACKETS_A_PASS, main
+from firmware_bridge.guard.wire import Event, Phase, Report, decode_answer, encode_command, encode_stop
 
 
 class PipeLink(FakeLink):
@@ -250,7 +250,7 @@ def test_runs_as_a_module(monkeypatch):
     runtime, child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     monkeypatch.setattr(sys, "argv", ["guard", str(child.detach()), "{}"])
     with runtime, pytest.raises(SystemExit) as ended:
-        runpy.run_module("firmware_bridge.guard", run_name="__main__")
+        runpy.run_module("firmware_bridge.guard.process", run_name="__main__")
     assert ended.value.code == 2
 
 

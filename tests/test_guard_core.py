@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard_core import Guard, check_firmware_timeout, limit_fault
-from firmware_bridge.guard_link import Condition, Limits, Setpoint
-from firmware_bridge.guard_wire import Counts, Event, Phase, encode_command, encode_stop
+from firmware_bridge.guard.core import Guard, check_firmware_timeout, limit_fault
+from firmware_bridge.guard.link import Condition, Limits, Setpoint
+from firmware_bridge.guard.wire import Counts, Event, Phase, encode_command, encode_stop
 
 
 class Rig:

@@ -11,8 +11,8 @@ from can_peers import Chassis, guard_spec, multicast_address, start_runtime
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
-from firmware_bridge.guard_wire import Phase
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.wire import Phase
 
 ZERO = bytes(8)
 HALF = bytes.fromhex("01f4000000000000")  # 500 mm/s

@@ -4,15 +4,15 @@ import pytest
 from guard_fakes import FakeLink, spec
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.guard_core import (
+from firmware_bridge.guard.core import (
     CLOCK_TOLERANCE_S,
     LONGEST_STOP_S,
     Guard,
     check_firmware_timeout,
     limit_fault,
 )
-from firmware_bridge.guard_link import Condition, Limits, Setpoint
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.link import Condition, Limits, Setpoint
+from firmware_bridge.guard.wire import (
     Counts,
     Event,
     Phase,

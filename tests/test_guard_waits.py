@@ -10,10 +10,10 @@ import msgspec
 import pytest
 from guard_fakes import FakeLink, spec
 
-import firmware_bridge.guard as guard_module
-from firmware_bridge.guard import main, serve
-from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_wire import Event, Phase, Report, decode_answer, encode_command
+import firmware_bridge.guard.process as guard_module
+from firmware_bridge.guard.link import Setpoint
+from firmware_bridge.guard.process import main, serve
+from firmware_bridge.guard.wire import Event, Phase, Report, decode_answer, encode_command
 
 
 class QuietLink(FakeLink):

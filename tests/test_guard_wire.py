@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.link import Setpoint
+from firmware_bridge.guard.wire import (
     PACKET_BYTES,
     Counts,
     Event,

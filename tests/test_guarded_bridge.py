@@ -8,11 +8,12 @@ import time
 import pytest
 from guard_fakes import spec
 
-import firmware_bridge.guarded_bridge as bridge_module
+import firmware_bridge.guard.guarded_bridge as bridge_module
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
-from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.link import Setpoint
+from firmware_bridge.guard.wire import (
     Counts,
     Event,
     Phase,
@@ -22,7 +23,6 @@ from firmware_bridge.guard_wire import (
     encode_event,
     encode_report,
 )
-from firmware_bridge.guarded_bridge import GuardedBridge
 
 COMMAND = Command(1, 5, 6.0, (0.1, 0.2), (0.3, 0.4))
 STATE = RobotState(1, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0)
@@ -37,7 +37,7 @@ class Played:
         self.lifetime = "pass"
 
     def start(self, module, asked) -> "tuple[socket.socket, subprocess.Popen[bytes]]":
-        assert (module, asked) == ("firmware_bridge.guard", spec())
+        assert (module, asked) == ("firmware_bridge.guard.process", spec())
         ours, self.socket = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for event in self.opening:
             self.tell(event)

@@ -7,8 +7,8 @@ import pytest
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import ActionField
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.link import Limits
 from firmware_bridge.mavlink_bridge import add_arguments, make_spec, options_from
 from firmware_bridge.mavlink_link import MavlinkLink, make_link
 from firmware_bridge.mavlink_options import MavlinkOptions

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common
 import firmware_bridge.mavlink_channel as mavlink_channel
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard_link import Condition, Limits, Setpoint
+from firmware_bridge.guard.link import Condition, Limits, Setpoint
 from firmware_bridge.mavlink_link import MavlinkLink
 from firmware_bridge.mavlink_options import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES

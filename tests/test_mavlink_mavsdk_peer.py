@@ -14,9 +14,9 @@ from bundles import MANIFEST
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
-from firmware_bridge.guard_spec import GuardFlags
-from firmware_bridge.guard_wire import Phase
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.spec import GuardFlags
+from firmware_bridge.guard.wire import Phase
 from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec
 
 PERIOD_S = 0.02

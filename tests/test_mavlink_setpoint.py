@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard_link import Limits, Setpoint
+from firmware_bridge.guard.link import Limits, Setpoint
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink_messages import Target
 from firmware_bridge.mavlink_profiles import Motion

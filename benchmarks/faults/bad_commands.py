@@ -8,10 +8,10 @@ import numpy as np
 
 from benchmarks.faults.firmware import Firmware
 from benchmarks.faults.opened import FORWARD, enable, opened_link
-from firmware_bridge.guard_core import Guard
-from firmware_bridge.guard_link import Limits, Link, Setpoint
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guard_wire import encode_command, encode_stop
+from firmware_bridge.guard.core import Guard
+from firmware_bridge.guard.link import Limits, Link, Setpoint
+from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.guard.wire import encode_command, encode_stop
 
 CHUNK = 40
 """Commands between two looks at the wire: what they cause fits into a socket's buffer."""

@@ -14,7 +14,7 @@ from benchmarks.faults.firmware import PERIOD_S
 from edge_runtime.common.realtime import enter_realtime
 from firmware_bridge.can_bus import CanBus
 from firmware_bridge.can_link import CanOptions
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink_codec import Encoder
 from firmware_bridge.mavlink_messages import Target
 from firmware_bridge.mavlink_options import MavlinkOptions

@@ -11,8 +11,8 @@ from firmware_bridge.can_feedback import Pose
 from firmware_bridge.can_frame import Frame
 from firmware_bridge.can_link import CanOptions
 from firmware_bridge.can_profile import profile_path
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.spec import GuardSpec
 
 PROFILE = profile_path("agilex_v2")
 COMMANDED = (500).to_bytes(2, "big")

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.spec import GuardSpec
 
 PERIOD_S = 0.02
 """Of the commands and of the firmware's reports."""

@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import common
 from benchmarks.faults.firmware import DEADLINE_S, PERIOD_S, Firmware, Heard, free_port, to_monotonic
 from edge_runtime.common.key_file import read_key
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard_link import Limits
-from firmware_bridge.guard_spec import GuardSpec
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink_link import MavlinkOptions
 from firmware_bridge.mavlink_profiles import PROFILES
 from firmware_bridge.mavlink_signing import clock_ticks

@@ -9,10 +9,10 @@ import msgspec
 
 from benchmarks.faults.firmware import PERIOD_S, Firmware
 from edge_runtime.errors import BridgeError
-from firmware_bridge.guard import make_link
-from firmware_bridge.guard_core import Guard
-from firmware_bridge.guard_link import Link, Setpoint
-from firmware_bridge.guard_wire import Phase, encode_command
+from firmware_bridge.guard.core import Guard
+from firmware_bridge.guard.link import Link, Setpoint
+from firmware_bridge.guard.process import make_link
+from firmware_bridge.guard.wire import Phase, encode_command
 
 ENABLING_S = 10.0
 FORWARD = ((1.0, 0.0), (0.5, 0.0))

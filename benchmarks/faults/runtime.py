@@ -11,8 +11,8 @@ import msgspec
 from benchmarks.faults.firmware import PERIOD_S
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.messages import Command
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.spec import GuardSpec
 
 
 def drive(bridge: GuardedBridge, commands: int) -> list[float]:

@@ -8,8 +8,8 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.guard.spec import GuardSpec
 
 
 def drive(bridge: GuardedBridge) -> None:

@@ -1,7 +1,7 @@
 """The check that every firmware must pass: who stops the robot when the guard itself has died."""
 
 from edge_runtime.doctor.finding import Finding, fail, ok, warn
-from firmware_bridge.guard_core import firmware_timeout_fault
+from firmware_bridge.guard.core import firmware_timeout_fault
 
 
 def firmware_timeout(timeout_s: float | None, source: str, *, allow_unsafe: bool) -> Finding:

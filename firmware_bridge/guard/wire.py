@@ -9,7 +9,7 @@ import struct
 import msgspec
 
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard_link import Setpoint
+from firmware_bridge.guard.link import Setpoint
 
 MAGIC = 0xCF61
 """Marks the layouts below; change it with any of them."""

@@ -1,6 +1,6 @@
 """The guard process: owns the bus, forwards only fresh commands, stops the robot when they end.
 
-``python -m firmware_bridge.guard FD SPEC``: FD is its end of a SOCK_SEQPACKET pair whose other end the
+``python -m firmware_bridge.guard.process FD SPEC``: FD is its end of a SOCK_SEQPACKET pair whose other end the
 runtime holds, SPEC a GuardSpec in JSON. One thread, one loop: wait for the runtime, the bus, a signal or
 the next deadline; act; report. It ends when the socket closes or on SIGTERM, SIGINT or SIGHUP, after the
 stop sequence; kill -9 leaves the robot to the firmware's own timeout, which was checked at the start.
@@ -20,10 +20,10 @@ from collections.abc import Iterator
 import msgspec
 
 from edge_runtime.errors import EdgeError
-from firmware_bridge.guard_core import Guard, check_firmware_timeout
-from firmware_bridge.guard_link import Link
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.core import Guard, check_firmware_timeout
+from firmware_bridge.guard.link import Link
+from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.guard.wire import (
     PACKET_BYTES,
     Event,
     Phase,

@@ -11,9 +11,9 @@ from typing import TypeVar
 from edge_runtime.common.child import start_child
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
-from firmware_bridge.guard_link import Setpoint
-from firmware_bridge.guard_spec import GuardSpec
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.link import Setpoint
+from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.guard.wire import (
     PACKET_BYTES,
     Counts,
     Event,
@@ -58,7 +58,7 @@ class GuardedBridge:
             BridgeError: if the guard could not start, with its reason.
         """
         self._socket.close()
-        self._socket, self._process = start_child("firmware_bridge.guard", self._spec)
+        self._socket, self._process = start_child("firmware_bridge.guard.process", self._spec)
         self._connected = True
         self._socket.setblocking(False)
         try:

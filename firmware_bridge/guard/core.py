@@ -9,9 +9,9 @@ from collections import deque
 from typing import cast
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.guard_link import Condition, Health, Limits, Link, Setpoint, Steps
-from firmware_bridge.guard_spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
-from firmware_bridge.guard_wire import (
+from firmware_bridge.guard.link import Condition, Health, Limits, Link, Setpoint, Steps
+from firmware_bridge.guard.spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
+from firmware_bridge.guard.wire import (
     Counts,
     Event,
     Phase,

@@ -6,7 +6,7 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.guard_link import Limits
+from firmware_bridge.guard.link import Limits
 
 LONGEST_DEFAULT_DEADLINE_S = 0.1
 LONGEST_FIRMWARE_TIMEOUT_S = 1.0
