@@ -10,9 +10,9 @@ from pathlib import Path
 import can
 import msgspec
 
-from firmware_bridge.can_feedback import Pose
-from firmware_bridge.can_link import CanOptions
-from firmware_bridge.can_profile import profile_path
+from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.link import CanOptions
+from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardSpec
 

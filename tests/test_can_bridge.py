@@ -19,11 +19,11 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import ActionField, Body, Manifest
-from firmware_bridge.can_bridge import add_arguments, make_spec, options_from
-from firmware_bridge.can_feedback import Pose
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_limo import FrameReader, frame_bytes
-from firmware_bridge.can_link import CanOptions
+from firmware_bridge.can.bridge import add_arguments, make_spec, options_from
+from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.limo import FrameReader, frame_bytes
+from firmware_bridge.can.link import CanOptions
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import Limits
 

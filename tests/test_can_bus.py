@@ -8,8 +8,8 @@ import can
 import pytest
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.can_bus import CanBus, bus_arguments
-from firmware_bridge.can_frame import Frame
+from firmware_bridge.can.bus import CanBus, bus_arguments
+from firmware_bridge.can.frame import Frame
 
 
 @pytest.mark.parametrize(

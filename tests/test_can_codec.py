@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_profile import PROFILES, load_profile, profile_path
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.profile import PROFILES, load_profile, profile_path
 from firmware_bridge.kinematics.base import Motion
 
 NAMES = sorted(path.stem for path in PROFILES.glob("*.toml"))

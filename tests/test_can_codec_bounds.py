@@ -3,10 +3,10 @@
 import pytest
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_e2e import Protection, counter_of
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_profile import Step, load_profile
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.e2e import Protection, counter_of
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.profile import Step, load_profile
 from firmware_bridge.kinematics.base import Motion
 
 DBC = """VERSION ""

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_bridge.can_e2e import CRC_H2F, CRC_SAE_J1850, Protection, counter_of, crc8, protect
+from firmware_bridge.can.e2e import CRC_H2F, CRC_SAE_J1850, Protection, counter_of, crc8, protect
 
 p01 = pytest.importorskip("e2e.p01")
 p02 = pytest.importorskip("e2e.p02")

@@ -3,9 +3,9 @@ import math
 import msgspec
 import pytest
 
-from firmware_bridge.can_codec import Decoded
-from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
-from firmware_bridge.can_profile import Feedback, MotionSignals, Rule
+from firmware_bridge.can.codec import Decoded
+from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, Pose
+from firmware_bridge.can.profile import Feedback, MotionSignals, Rule
 from firmware_bridge.guard.link import Condition
 from firmware_bridge.kinematics.base import Base, Motion
 

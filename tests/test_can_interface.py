@@ -6,7 +6,7 @@ import pytest
 from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_interface import parse_interface, show_interface
+from firmware_bridge.can.interface import parse_interface, show_interface
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_a_missing_tool_is_named(monkeypatch, tmp_path):
 def test_a_tool_that_hangs_is_given_up(ip, monkeypatch, tmp_path):
     ip(CAN)
     (tmp_path / "ip").write_text("#!/bin/sh\nexec /bin/sleep 30\n")
-    monkeypatch.setattr("firmware_bridge.can_interface.ASKING_S", 0.1)
+    monkeypatch.setattr("firmware_bridge.can.interface.ASKING_S", 0.1)
     with pytest.raises(BridgeError, match="did not answer within"):
         show_interface("can0")
 

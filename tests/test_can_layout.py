@@ -8,7 +8,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_bridge.can_layout import Layout
+from firmware_bridge.can.layout import Layout
 
 BYTES = 8
 

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_limo import FrameReader, LimoPort, frame_bytes
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.limo import FrameReader, LimoPort, frame_bytes
 
 frames = st.builds(Frame, st.integers(0, 0x7FF), st.binary(min_size=8, max_size=8), st.just(False))
 

@@ -3,15 +3,15 @@
 import pytest
 from can_peers import guard_spec
 
-import firmware_bridge.can_link as link_module
+import firmware_bridge.can.link as link_module
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_bus import CanBus
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_feedback import DeadReckoning, Pose
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_limo import LimoPort
-from firmware_bridge.can_link import STOP_TRIES, CanLink, make_link
-from firmware_bridge.can_profile import load_profile, profile_path
+from firmware_bridge.can.bus import CanBus
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.feedback import DeadReckoning, Pose
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.limo import LimoPort
+from firmware_bridge.can.link import STOP_TRIES, CanLink, make_link
+from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.guard.link import Condition, Setpoint
 
 READY = Frame(0x211, bytes([0, 1, 0, 0, 0, 0, 0, 0]))

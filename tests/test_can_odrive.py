@@ -7,14 +7,14 @@ import msgspec
 import pytest
 from can_peers import guard_spec
 
-import firmware_bridge.can_odrive as odrive_module
+import firmware_bridge.can.odrive as odrive_module
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_feedback import DeadReckoning, Pose
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_link import CanLink, make_link
-from firmware_bridge.can_odrive import Watchdog, watchdog_timeout_s
-from firmware_bridge.can_profile import PROFILES, load_profile
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.feedback import DeadReckoning, Pose
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.link import CanLink, make_link
+from firmware_bridge.can.odrive import Watchdog, watchdog_timeout_s
+from firmware_bridge.can.profile import PROFILES, load_profile
 
 TIMEOUT, ENABLE = 0x0099, 0x009A
 WATCHDOG = Watchdog(0.5, (0, 1), "0.6.10", TIMEOUT, ENABLE)

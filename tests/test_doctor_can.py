@@ -12,10 +12,8 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Verdict, examine
 from edge_runtime.policy.bundle import packaged_bundle
-from firmware_bridge.can_bridge import CanFlags
-from firmware_bridge.can_interface import parse_interface
-from firmware_bridge.can_link import make_link
-from firmware_bridge.doctor_can import (
+from firmware_bridge.can.bridge import CanFlags
+from firmware_bridge.can.diagnostics import (
     bit_rate,
     examine_interface,
     examine_link,
@@ -25,6 +23,8 @@ from firmware_bridge.doctor_can import (
     restart,
     serial_port,
 )
+from firmware_bridge.can.interface import parse_interface
+from firmware_bridge.can.link import make_link
 from firmware_bridge.guard.diagnostics import firmware_timeout
 from firmware_bridge.guard.spec import GuardFlags
 

@@ -14,9 +14,9 @@ from guard_fakes import FakeLink, spec
 
 import firmware_bridge.guard.process as guard_module
 from edge_runtime.messages import RobotState
-from firmware_bridge.can_feedback import Pose
-from firmware_bridge.can_link import CanLink, CanOptions
-from firmware_bridge.can_profile import profile_path
+from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.link import CanLink, CanOptions
+from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import Setpoint
 from firmware_bridge.guard.process import PACKETS_A_PASS, main
 from firmware_bridge.guard.wire import Event, Phase, Report, decode_answer, encode_command, encode_stop

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
-from firmware_bridge.can_feedback import DeadReckoning, Pose
+from firmware_bridge.can.feedback import DeadReckoning, Pose
 from firmware_bridge.kinematics.base import Base, Motion, motion_for
 from firmware_bridge.plant import Plant, contact_forces
 from firmware_bridge.sil.layout import places

@@ -9,7 +9,7 @@ import shutil
 import pytest
 from socketcan.boot import SHIM, run_guest
 
-from firmware_bridge.can_profile import load_profile, profile_path
+from firmware_bridge.can.profile import load_profile, profile_path
 
 pytestmark = pytest.mark.skipif(
     not os.environ.get("CI") and not (shutil.which("linux.uml") and SHIM.is_file()),

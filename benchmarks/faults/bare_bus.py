@@ -12,8 +12,8 @@ import msgspec
 from benchmarks.faults.can_firmware import driving_frame
 from benchmarks.faults.firmware import PERIOD_S
 from edge_runtime.common.realtime import enter_realtime
-from firmware_bridge.can_bus import CanBus
-from firmware_bridge.can_link import CanOptions
+from firmware_bridge.can.bus import CanBus
+from firmware_bridge.can.link import CanOptions
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink_codec import Encoder
 from firmware_bridge.mavlink_messages import Target

@@ -7,10 +7,10 @@ import can
 import msgspec
 
 from benchmarks.faults.firmware import DEADLINE_S, Firmware, Heard, free_port, to_monotonic
-from firmware_bridge.can_feedback import Pose
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_link import CanOptions
-from firmware_bridge.can_profile import profile_path
+from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.link import CanOptions
+from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardSpec
 

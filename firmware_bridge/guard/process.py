@@ -33,7 +33,7 @@ from firmware_bridge.guard.wire import (
 )
 
 LINKS = {
-    "can": "firmware_bridge.can_link",
+    "can": "firmware_bridge.can.link",
     "mavlink": "firmware_bridge.mavlink_link",
 }
 """Module of each link; it has ``make_link(spec: GuardSpec) -> Link``."""

@@ -13,8 +13,8 @@ import can
 import cantools
 from cantools.database.can import Database
 
-from firmware_bridge.can_bus import bus_arguments
-from firmware_bridge.can_profile import load_profile, profile_path
+from firmware_bridge.can.bus import bus_arguments
+from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.world import Pose
 

@@ -18,7 +18,7 @@ from edge_runtime.control.mission import adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
-from firmware_bridge.can_profile import load_profile, profile_path
+from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.sil.can_node import PROFILE
 from firmware_bridge.sil.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, load_limits

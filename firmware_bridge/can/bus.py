@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl
 import can
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.can_frame import Frame
+from firmware_bridge.can.frame import Frame
 
 BUS_OFF = 0x40
 """Error class of an error frame, Linux's CAN_ERR_BUSOFF; python-can's bus state does not change with it."""

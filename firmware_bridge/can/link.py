@@ -8,13 +8,13 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.can_bus import CanBus
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_feedback import DeadReckoning, FeedbackRules, Pose
-from firmware_bridge.can_frame import Frame, Transport
-from firmware_bridge.can_limo import LimoPort
-from firmware_bridge.can_odrive import watchdog_timeout_s
-from firmware_bridge.can_profile import Profile, load_profile
+from firmware_bridge.can.bus import CanBus
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, Pose
+from firmware_bridge.can.frame import Frame, Transport
+from firmware_bridge.can.limo import LimoPort
+from firmware_bridge.can.odrive import watchdog_timeout_s
+from firmware_bridge.can.profile import Profile, load_profile
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Motion, motion_for

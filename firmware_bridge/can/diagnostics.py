@@ -11,11 +11,11 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_bridge import CanFlags, make_spec
-from firmware_bridge.can_bus import bus_arguments
-from firmware_bridge.can_interface import Interface, show_interface
-from firmware_bridge.can_link import CanLink, make_link
-from firmware_bridge.can_profile import Profile, load_profile, profile_path
+from firmware_bridge.can.bridge import CanFlags, make_spec
+from firmware_bridge.can.bus import bus_arguments
+from firmware_bridge.can.interface import Interface, show_interface
+from firmware_bridge.can.link import CanLink, make_link
+from firmware_bridge.can.profile import Profile, load_profile, profile_path
 from firmware_bridge.guard.diagnostics import firmware_timeout
 from firmware_bridge.guard.link import Condition, Health
 from firmware_bridge.guard.spec import GuardSpec

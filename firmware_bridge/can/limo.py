@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import serial
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_frame import Frame
+from firmware_bridge.can.frame import Frame
 
 BAUD = 460_800
 HEADER = b"\x55\x0e"

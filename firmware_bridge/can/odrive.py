@@ -11,7 +11,7 @@ import time
 import msgspec
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can_frame import Frame, Transport
+from firmware_bridge.can.frame import Frame, Transport
 
 ANSWER_S = 0.2
 TRIES = 3

@@ -9,10 +9,10 @@ from cantools.database.can import Database, Message
 from cantools.database.errors import DecodeError, Error
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.can_e2e import Protection, counter_of, protect
-from firmware_bridge.can_frame import Frame
-from firmware_bridge.can_layout import Layout
-from firmware_bridge.can_profile import Gains, Profile, Step
+from firmware_bridge.can.e2e import Protection, counter_of, protect
+from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.layout import Layout
+from firmware_bridge.can.profile import Gains, Profile, Step
 from firmware_bridge.kinematics.base import Motion
 
 

@@ -7,10 +7,10 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Manifest
-from firmware_bridge.can_codec import CanCodec
-from firmware_bridge.can_feedback import Pose
-from firmware_bridge.can_link import CanOptions
-from firmware_bridge.can_profile import Profile, load_profile, profile_path
+from firmware_bridge.can.codec import CanCodec
+from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.link import CanOptions
+from firmware_bridge.can.profile import Profile, load_profile, profile_path
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from

@@ -5,8 +5,8 @@ import math
 import msgspec
 
 from edge_runtime.messages import RobotState
-from firmware_bridge.can_codec import Decoded
-from firmware_bridge.can_profile import Feedback, MotionSignals, Rule
+from firmware_bridge.can.codec import Decoded
+from firmware_bridge.can.profile import Feedback, MotionSignals, Rule
 from firmware_bridge.guard.link import Condition, Health
 from firmware_bridge.kinematics.base import Base, Motion, yaw_from_steering
 from firmware_bridge.kinematics.frames import rotate, wrap

@@ -12,11 +12,11 @@ import msgspec
 
 from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.errors import ConfigError
-from firmware_bridge.can_e2e import Protection
-from firmware_bridge.can_odrive import Watchdog
+from firmware_bridge.can.e2e import Protection
+from firmware_bridge.can.odrive import Watchdog
 from firmware_bridge.kinematics.base import Base
 
-PROFILES = Path(__file__).with_name("profiles")
+PROFILES = Path(__file__).parents[1] / "profiles"
 
 
 class Gains(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -1,0 +1,1 @@
+"""CAN: profiles, codec, end-to-end protection, bus and the guard's link."""
