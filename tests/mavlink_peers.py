@@ -5,7 +5,7 @@ import struct
 
 from pymavlink.dialects.v20 import common
 
-from firmware_bridge.mavlink_profiles import PROFILES
+from firmware_bridge.mavlink.profiles import PROFILES
 
 
 def vehicle_frame(message, system=1, component=1, sequence=0, signing=None):

@@ -3,20 +3,20 @@
 import pytest
 from mavlink_peers import ScriptedAutopilot, Ticks
 
-import firmware_bridge.mavlink_channel as mavlink_channel
+import firmware_bridge.mavlink.channel as mavlink_channel
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Verdict, examine
 from edge_runtime.errors import ConfigError
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle
-from firmware_bridge.doctor_mavlink import autopilot, examine_link, listen, mode, signing
 from firmware_bridge.guard.spec import GuardFlags
-from firmware_bridge.mavlink_bridge import MavlinkFlags
-from firmware_bridge.mavlink_messages import Heartbeat
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_profiles import PROFILES
-from firmware_bridge.mavlink_signing import clock_ticks
+from firmware_bridge.mavlink.bridge import MavlinkFlags
+from firmware_bridge.mavlink.diagnostics import autopilot, examine_link, listen, mode, signing
+from firmware_bridge.mavlink.messages import Heartbeat
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.profiles import PROFILES
+from firmware_bridge.mavlink.signing import clock_ticks
 
 FLAGS = MavlinkFlags("udpin:127.0.0.1:14550", "px4")
 PX4 = PROFILES["px4"]

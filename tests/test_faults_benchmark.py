@@ -19,7 +19,7 @@ from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.process import core as guard_core
-from firmware_bridge.mavlink_signing import Signing, Verdict
+from firmware_bridge.mavlink.signing import Signing, Verdict
 
 FIRMWARES = pytest.mark.parametrize("firmware", [CanFirmware, MavlinkFirmware])
 

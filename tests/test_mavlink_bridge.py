@@ -9,9 +9,9 @@ from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import ActionField
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import Limits
-from firmware_bridge.mavlink_bridge import add_arguments, make_spec, options_from
-from firmware_bridge.mavlink_link import MavlinkLink, make_link
-from firmware_bridge.mavlink_options import MavlinkOptions
+from firmware_bridge.mavlink.bridge import add_arguments, make_spec, options_from
+from firmware_bridge.mavlink.link import MavlinkLink, make_link
+from firmware_bridge.mavlink.options import MavlinkOptions
 
 DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
 ACTION = tuple(ActionField(f"force_{axis}", "N", -1.25, 1.0) for axis in "xy")

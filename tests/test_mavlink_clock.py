@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_bridge.mavlink_clock import REMEMBERED, Clock
-from firmware_bridge.mavlink_messages import TimeSync
+from firmware_bridge.mavlink.clock import REMEMBERED, Clock
+from firmware_bridge.mavlink.messages import TimeSync
 
 OFFSET_S = 37.25
 """How far our clock is ahead of the autopilot's."""

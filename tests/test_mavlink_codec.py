@@ -11,8 +11,8 @@ from mavlink_peers import local_position, odometry, vehicle_frame
 from pymavlink.dialects.v20 import common
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.mavlink_codec import COMPANION, Decoder, Encoder
-from firmware_bridge.mavlink_messages import (
+from firmware_bridge.mavlink.codec import COMPANION, Decoder, Encoder
+from firmware_bridge.mavlink.messages import (
     Attitude,
     Beat,
     Command,
@@ -26,7 +26,7 @@ from firmware_bridge.mavlink_messages import (
     Target,
     TimeSync,
 )
-from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
 
 KEY = bytes(range(32))
 FUZZ_CASES = int(os.environ.get("MAVLINK_FUZZ_CASES", "20000"))

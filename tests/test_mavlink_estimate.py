@@ -3,9 +3,9 @@ import math
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firmware_bridge.mavlink_clock import Clock
-from firmware_bridge.mavlink_estimate import Estimate
-from firmware_bridge.mavlink_messages import Attitude, LocalPosition, Odometry, TimeSync
+from firmware_bridge.mavlink.clock import Clock
+from firmware_bridge.mavlink.estimate import Estimate
+from firmware_bridge.mavlink.messages import Attitude, LocalPosition, Odometry, TimeSync
 
 
 @pytest.fixture

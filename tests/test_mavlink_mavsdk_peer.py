@@ -17,7 +17,7 @@ from edge_runtime.messages import Command
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.spec import GuardFlags
 from firmware_bridge.guard.wire import Phase
-from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec
+from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
 
 PERIOD_S = 0.02
 PATIENCE_S = 20.0

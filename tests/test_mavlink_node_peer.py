@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from firmware_bridge.mavlink_codec import Decoder, Encoder
-from firmware_bridge.mavlink_messages import Beat, Command, ParameterRequest, Target, TimeSync
-from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.codec import Decoder, Encoder
+from firmware_bridge.mavlink.messages import Beat, Command, ParameterRequest, Target, TimeSync
+from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
 
 PEERS = Path(__file__).parent / "peers"
 NODE = shutil.which("node")

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as published
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.mavlink_profiles import (
+from firmware_bridge.mavlink.profiles import (
     ACCELERATION_ONLY,
     BODY_NED,
     LOCAL_NED,

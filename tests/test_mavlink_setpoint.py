@@ -9,9 +9,9 @@ from edge_runtime.messages import RobotState
 from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.guard.link import Limits, Setpoint
 from firmware_bridge.kinematics.base import Base
-from firmware_bridge.mavlink_messages import Target
-from firmware_bridge.mavlink_profiles import Motion
-from firmware_bridge.mavlink_setpoint import Follower, clamp
+from firmware_bridge.mavlink.messages import Target
+from firmware_bridge.mavlink.profiles import Motion
+from firmware_bridge.mavlink.setpoint import Follower, clamp
 
 DRAGGED = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1).at_period(0.02)
 FREE = Dynamics(mass_kg=1.0, drag=0.0, dt_s=0.02)

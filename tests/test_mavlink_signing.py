@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from mavlink_peers import local_position, vehicle_frame
 from pymavlink.dialects.v20 import common
 
-import firmware_bridge.mavlink_signing as mavlink_signing
+import firmware_bridge.mavlink.signing as mavlink_signing
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.mavlink_signing import (
+from firmware_bridge.mavlink.signing import (
     RESERVE_TICKS,
     SIGNATURE_BYTES,
     Signing,

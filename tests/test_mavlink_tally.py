@@ -7,8 +7,8 @@ from mavlink_peers import local_position, vehicle_frame
 from pymavlink.dialects.v20 import common
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.mavlink_codec import Decoder
-from firmware_bridge.mavlink_signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.codec import Decoder
+from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
 
 KEY = bytes(range(32))
 NOW = 10_000_000

@@ -7,8 +7,8 @@ import socket
 import pytest
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.mavlink_serial import LONGEST_QUEUE
-from firmware_bridge.mavlink_transport import DATAGRAMS_A_PASS, open_transport, parse_address
+from firmware_bridge.mavlink.serial_port import LONGEST_QUEUE
+from firmware_bridge.mavlink.transport import DATAGRAMS_A_PASS, open_transport, parse_address
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 import pytest
 
-from firmware_bridge.mavlink_messages import Heartbeat
-from firmware_bridge.mavlink_profiles import PROFILES
-from firmware_bridge.mavlink_vehicle import Vehicle
+from firmware_bridge.mavlink.messages import Heartbeat
+from firmware_bridge.mavlink.profiles import PROFILES
+from firmware_bridge.mavlink.vehicle import Vehicle
 
 MANUAL, HOLD, AUTO, GUIDED = 0, 4, 10, 15
 

@@ -15,11 +15,11 @@ from edge_runtime.common.realtime import enter_realtime
 from firmware_bridge.can.bus import CanBus
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.mavlink_codec import Encoder
-from firmware_bridge.mavlink_messages import Target
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_profiles import BODY_NED, VELOCITY_AND_YAW_RATE
-from firmware_bridge.mavlink_transport import open_transport
+from firmware_bridge.mavlink.codec import Encoder
+from firmware_bridge.mavlink.messages import Target
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.profiles import BODY_NED, VELOCITY_AND_YAW_RATE
+from firmware_bridge.mavlink.transport import open_transport
 
 
 def open_sender(spec: GuardSpec) -> Callable[[], bool]:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware, sign
 from benchmarks.faults.opened import opened_link
 from edge_runtime.errors import BridgeError
-from firmware_bridge.mavlink_link import MavlinkLink
+from firmware_bridge.mavlink.link import MavlinkLink
 
 CHUNK = 30
 """Frames between two looks at the link: they fit into a socket's buffer and into one of its passes."""

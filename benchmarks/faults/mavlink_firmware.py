@@ -15,9 +15,9 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.mavlink_link import MavlinkOptions
-from firmware_bridge.mavlink_profiles import PROFILES
-from firmware_bridge.mavlink_signing import clock_ticks
+from firmware_bridge.mavlink.link import MavlinkOptions
+from firmware_bridge.mavlink.profiles import PROFILES
+from firmware_bridge.mavlink.signing import clock_ticks
 
 _SO_TIMESTAMPNS = 35
 _PROFILE = PROFILES["ardupilot_rover"]

@@ -31,7 +31,10 @@ exit codes:
 examples:
   edge-doctor --robot-id 0
   edge-doctor --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm"""
-LINK_CHECKS: Final = {"can": "firmware_bridge.can.diagnostics", "mavlink": "firmware_bridge.doctor_mavlink"}
+LINK_CHECKS: Final = {
+    "can": "firmware_bridge.can.diagnostics",
+    "mavlink": "firmware_bridge.mavlink.diagnostics",
+}
 """Modules that offer ``examine_link(mission, options)``; a simulated robot has no link to look at."""
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 BRIDGES: Final = {
     "sim": "firmware_bridge.sim",
     "can": "firmware_bridge.can.bridge",
-    "mavlink": "firmware_bridge.mavlink_bridge",
+    "mavlink": "firmware_bridge.mavlink.bridge",
 }
 """Modules that offer ``add_arguments``, ``options_from`` and ``open_bridge``; imported when chosen."""
 STAGES: Final = ("read", "observe", "act", "limit", "write")

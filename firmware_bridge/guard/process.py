@@ -34,7 +34,7 @@ from firmware_bridge.guard.wire import (
 
 LINKS = {
     "can": "firmware_bridge.can.link",
-    "mavlink": "firmware_bridge.mavlink_link",
+    "mavlink": "firmware_bridge.mavlink.link",
 }
 """Module of each link; it has ``make_link(spec: GuardSpec) -> Link``."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

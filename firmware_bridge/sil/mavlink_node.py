@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias
 from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 
 from firmware_bridge.kinematics.frames import rotate, swap_enu_ned, swap_heading_yaw
-from firmware_bridge.mavlink_profiles import PROFILES
+from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.world import Pose
 

@@ -7,8 +7,8 @@ from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.guard.link import Limits, Setpoint
 from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
-from firmware_bridge.mavlink_messages import Target
-from firmware_bridge.mavlink_profiles import (
+from firmware_bridge.mavlink.messages import Target
+from firmware_bridge.mavlink.profiles import (
     ACCELERATION_ONLY,
     BODY_NED,
     LOCAL_NED,

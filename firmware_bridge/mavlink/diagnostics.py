@@ -13,13 +13,13 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import EdgeError
 from firmware_bridge.guard.diagnostics import firmware_timeout
-from firmware_bridge.mavlink_bridge import MavlinkFlags, make_spec
-from firmware_bridge.mavlink_channel import Channel
-from firmware_bridge.mavlink_clock import Clock
-from firmware_bridge.mavlink_codec import Tally
-from firmware_bridge.mavlink_messages import Heartbeat, Parameter, ParameterRequest
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_profiles import Mode, Profile, find_profile
+from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
+from firmware_bridge.mavlink.channel import Channel
+from firmware_bridge.mavlink.clock import Clock
+from firmware_bridge.mavlink.codec import Tally
+from firmware_bridge.mavlink.messages import Heartbeat, Parameter, ParameterRequest
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.profiles import Mode, Profile, find_profile
 
 LISTEN_S = 5.0
 """Heartbeats come every second; a bad radio needs a few, and as long for the answer about a parameter."""

@@ -14,9 +14,9 @@ from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_profiles import PROFILES, find_profile
-from firmware_bridge.mavlink_transport import FORMS, parse_address
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.profiles import PROFILES, find_profile
+from firmware_bridge.mavlink.transport import FORMS, parse_address
 
 
 class MavlinkFlags(msgspec.Struct, frozen=True):

@@ -109,7 +109,7 @@ def open_transport(address: str) -> Transport:
     """
     kind, host, number = parse_address(address)
     if kind == "serial":
-        from firmware_bridge.mavlink_serial import SerialTransport  # noqa: PLC0415 - UDP does not pay for it
+        from firmware_bridge.mavlink.serial_port import SerialTransport  # noqa: PLC0415 - UDP does not pay for it
 
         return SerialTransport(host, number)
     return UdpTransport(host, number, listens=kind == "udpin")

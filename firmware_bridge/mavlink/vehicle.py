@@ -1,7 +1,7 @@
 """What the autopilot's heartbeats prove: its mode, its arming, and whether somebody else took the robot."""
 
-from firmware_bridge.mavlink_messages import Heartbeat
-from firmware_bridge.mavlink_profiles import Mode, Profile
+from firmware_bridge.mavlink.messages import Heartbeat
+from firmware_bridge.mavlink.profiles import Mode, Profile
 
 
 class Vehicle:

@@ -4,8 +4,8 @@ import math
 
 from edge_runtime.messages import RobotState, Vector2
 from firmware_bridge.kinematics.frames import rotate, swap_enu_ned, swap_flu_frd, swap_heading_yaw, yaw_of
-from firmware_bridge.mavlink_clock import Clock
-from firmware_bridge.mavlink_messages import Attitude, LocalPosition, Odometry
+from firmware_bridge.mavlink.clock import Clock
+from firmware_bridge.mavlink.messages import Attitude, LocalPosition, Odometry
 
 LONGEST_ATTITUDE_AGE_S = 0.5
 """A position is only believed together with an attitude that is not older."""

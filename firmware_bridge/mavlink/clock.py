@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from firmware_bridge.mavlink_messages import TimeSync
+from firmware_bridge.mavlink.messages import TimeSync
 
 REMEMBERED = 32
 """Exchanges kept: a lucky one must not outlive the clocks' drift."""

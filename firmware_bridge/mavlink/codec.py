@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.mavlink_messages import (
+from firmware_bridge.mavlink.messages import (
     Attitude,
     Command,
     CommandResult,
@@ -28,7 +28,7 @@ from firmware_bridge.mavlink_messages import (
     Target,
     TimeSync,
 )
-from firmware_bridge.mavlink_signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing, Verdict
+from firmware_bridge.mavlink.signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing, Verdict
 
 MAGIC = 0xFD
 HEADER_BYTES = 10

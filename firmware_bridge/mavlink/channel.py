@@ -5,11 +5,11 @@ from pathlib import Path
 
 from edge_runtime.common.key_file import read_key
 from edge_runtime.errors import BridgeError
-from firmware_bridge.mavlink_codec import COMPANION, Decoder, Encoder, Tally
-from firmware_bridge.mavlink_messages import Content, Outgoing
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_signing import Signing, Timestamps
-from firmware_bridge.mavlink_transport import Transport, open_transport
+from firmware_bridge.mavlink.codec import COMPANION, Decoder, Encoder, Tally
+from firmware_bridge.mavlink.messages import Content, Outgoing
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.signing import Signing, Timestamps
+from firmware_bridge.mavlink.transport import Transport, open_transport
 
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1."""

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.link import Steps
-from firmware_bridge.mavlink_channel import Channel
-from firmware_bridge.mavlink_messages import Command, CommandResult, Content, Outgoing, StatusText
-from firmware_bridge.mavlink_profiles import Mode, Profile
-from firmware_bridge.mavlink_setpoint import Follower
-from firmware_bridge.mavlink_vehicle import Vehicle
+from firmware_bridge.mavlink.channel import Channel
+from firmware_bridge.mavlink.messages import Command, CommandResult, Content, Outgoing, StatusText
+from firmware_bridge.mavlink.profiles import Mode, Profile
+from firmware_bridge.mavlink.setpoint import Follower
+from firmware_bridge.mavlink.vehicle import Vehicle
 
 ENABLING_S = 15.0
 STOPPING_S = 3.0

@@ -11,12 +11,12 @@ from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Condition, Health, Limits, Link, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Base
-from firmware_bridge.mavlink_channel import Channel
-from firmware_bridge.mavlink_clock import Clock
-from firmware_bridge.mavlink_codec import Tally
-from firmware_bridge.mavlink_engagement import ASK_AGAIN_S, STEP_S, Engagement
-from firmware_bridge.mavlink_estimate import Estimate
-from firmware_bridge.mavlink_messages import (
+from firmware_bridge.mavlink.channel import Channel
+from firmware_bridge.mavlink.clock import Clock
+from firmware_bridge.mavlink.codec import Tally
+from firmware_bridge.mavlink.engagement import ASK_AGAIN_S, STEP_S, Engagement
+from firmware_bridge.mavlink.estimate import Estimate
+from firmware_bridge.mavlink.messages import (
     Attitude,
     Beat,
     Command,
@@ -28,10 +28,10 @@ from firmware_bridge.mavlink_messages import (
     ParameterRequest,
     TimeSync,
 )
-from firmware_bridge.mavlink_options import MavlinkOptions
-from firmware_bridge.mavlink_profiles import Motion, find_profile
-from firmware_bridge.mavlink_setpoint import Follower
-from firmware_bridge.mavlink_vehicle import Vehicle
+from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.profiles import Motion, find_profile
+from firmware_bridge.mavlink.setpoint import Follower
+from firmware_bridge.mavlink.vehicle import Vehicle
 
 STALE_S = 0.5
 """Feedback older than this no longer carries a moving robot."""

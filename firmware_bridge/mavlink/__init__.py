@@ -1,0 +1,1 @@
+"""MAVLink 2: codec, signing, transport, one autopilot and the guard's link to it."""
