@@ -31,5 +31,5 @@ def test_no_module_needs_the_workstation(package):
 
 
 def test_edge_run_loads_little():
-    loaded = loaded_after(["edge_runtime.run", "firmware_bridge.sim"])
+    loaded = loaded_after(["edge_runtime.run", "firmware_bridge.simulation.bridge"])
     assert not loaded & (WORKSTATION | {"asyncio", "multiprocessing", "can", "pymavlink", "ssl", "zenoh"})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bundles import MANIFEST
 
-from firmware_bridge.plant import Plant, contact_forces
+from firmware_bridge.simulation.plant import Plant, contact_forces
 
 RADIUS_M = MANIFEST.body.radius_m
 

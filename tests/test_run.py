@@ -18,7 +18,7 @@ from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from edge_runtime.run.edge_run import edge_run as run
-from firmware_bridge import sim
+from firmware_bridge.simulation import bridge as sim
 
 NEAR_FLEET = """
 [[robots]]

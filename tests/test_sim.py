@@ -13,8 +13,8 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.policy.bundle import Bundle
-from firmware_bridge.plant import Plant
-from firmware_bridge.sim import open_bridge
+from firmware_bridge.simulation.bridge import open_bridge
+from firmware_bridge.simulation.plant import Plant
 
 BUNDLE = Bundle(MANIFEST, straight_weights(), Path())
 

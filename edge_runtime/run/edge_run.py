@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from edge_runtime.control.bridge import Bridge
 
 BRIDGES: Final = {
-    "sim": "firmware_bridge.sim",
+    "sim": "firmware_bridge.simulation.bridge",
     "can": "firmware_bridge.can.bridge",
     "mavlink": "firmware_bridge.mavlink.bridge",
 }

@@ -15,7 +15,7 @@ from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Floats
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.frames import rotate, wrap
-from firmware_bridge.plant import contact_forces
+from firmware_bridge.simulation.plant import contact_forces
 
 
 class Pose(NamedTuple):

@@ -9,7 +9,7 @@ from types import TracebackType
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector2
-from firmware_bridge.plant import Plant
+from firmware_bridge.simulation.plant import Plant
 
 REST: Vector2 = (0.0, 0.0)
 
