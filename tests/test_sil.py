@@ -12,14 +12,15 @@ import pytest
 
 import edge_runtime
 from edge_runtime.common.signals import StopSignals
-from firmware_bridge.sil import command, harness
-from firmware_bridge.sil.faults import KINDS
-from firmware_bridge.sil.processes import Crew
-from firmware_bridge.sil.robots import check_robot
-from firmware_bridge.sil.scenario import Request, prepare
-from firmware_bridge.sil.team_file import write_key
+from firmware_bridge.sil import edge_sil as command
+from firmware_bridge.sil.harness.harness import harness
+from firmware_bridge.sil.harness.robots import check_robot
+from firmware_bridge.sil.measurement.processes import Crew
+from firmware_bridge.sil.scenario.faults import KINDS
+from firmware_bridge.sil.scenario.scenario import Request, prepare
+from firmware_bridge.sil.scenario.team_file import write_key
 
-SIL = (sys.executable, "-m", "firmware_bridge.sil.command")
+SIL = (sys.executable, "-m", "firmware_bridge.sil.edge_sil")
 LENIENT = "[run]\n[machine]\n"
 BUS_FAULTS = """
 [[fault]]

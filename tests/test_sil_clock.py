@@ -72,7 +72,7 @@ def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
     flags = ("--robots", "2", "--bridge", bridge, "--rate", "10", "--duration", "4")
     files = ("--faults", "faults.toml", "--limits", "limits.toml", "--json", "report.json")
     done = subprocess.run(
-        [sys.executable, "-m", "firmware_bridge.sil.command", *flags, *files],
+        [sys.executable, "-m", "firmware_bridge.sil.edge_sil", *flags, *files],
         env={**os.environ, **own_clock(tmp_path), "PYTHONPATH": str(HERE.parent)},
         cwd=tmp_path,
         capture_output=True,

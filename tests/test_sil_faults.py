@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.sil.disturbance import Disturbance
-from firmware_bridge.sil.faults import (
+from firmware_bridge.sil.network.attacker import bursts
+from firmware_bridge.sil.network.disturbance import Disturbance
+from firmware_bridge.sil.scenario.faults import (
     Blackout,
     CorruptPackets,
     Delay,
@@ -19,7 +20,6 @@ from firmware_bridge.sil.faults import (
     Reorder,
     load_faults,
 )
-from firmware_bridge.sil.hostile import bursts
 
 PACKET = bytes(range(64))
 

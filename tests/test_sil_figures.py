@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.control.rate import DeadlineGrid
-from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
+from firmware_bridge.sil.judge.figures import (
+    LoggedTicks,
+    halts,
+    miss_counts,
+    missed_bursts,
+    percentiles,
+    pose_ages,
+)
 
 PERIOD = 0.02
 

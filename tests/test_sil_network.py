@@ -7,11 +7,11 @@ from contextlib import ExitStack
 
 import pytest
 
-from firmware_bridge.sil.disturbance import RETRANSMISSION_S, Disturbance
-from firmware_bridge.sil.faults import Blackout, Delay, Loss
-from firmware_bridge.sil.relay import Line, Relay, RelaySpec
-from firmware_bridge.sil.team_file import free_network, free_ports, on_network, resolved
-from firmware_bridge.sil.tunnel import Tunnel
+from firmware_bridge.sil.network.disturbance import RETRANSMISSION_S, Disturbance
+from firmware_bridge.sil.network.relay import Line, Relay, RelaySpec
+from firmware_bridge.sil.network.tunnel import Tunnel
+from firmware_bridge.sil.scenario.faults import Blackout, Delay, Loss
+from firmware_bridge.sil.scenario.team_file import free_network, free_ports, on_network, resolved
 
 ROBOTS = (2, 5, 7)
 HOST = "127.0.0.1"

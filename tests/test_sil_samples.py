@@ -2,9 +2,9 @@
 
 import tracemalloc
 
-from firmware_bridge.sil.meter import Meter
-from firmware_bridge.sil.processes import Crew, Usage
-from firmware_bridge.sil.samples import LONGEST_S, MARGIN_S, Samples
+from firmware_bridge.sil.measurement.process_meter import Meter
+from firmware_bridge.sil.measurement.processes import Crew, Usage
+from firmware_bridge.sil.measurement.samples import LONGEST_S, MARGIN_S, Samples
 
 
 def test_all_samples_come_back_in_their_order():
@@ -43,8 +43,8 @@ def test_growth_counts_from_the_first_quarter_on(tmp_path, monkeypatch):
     def usage(pid):
         return Usage(0.5 * step, memory[pid][step] << 20) if step < len(memory[pid]) else None
 
-    monkeypatch.setattr("firmware_bridge.sil.meter.machine_busy_s", lambda: 2.0 * step)
-    monkeypatch.setattr("firmware_bridge.sil.meter.usage", usage)
+    monkeypatch.setattr("firmware_bridge.sil.measurement.process_meter.machine_busy_s", lambda: 2.0 * step)
+    monkeypatch.setattr("firmware_bridge.sil.measurement.process_meter.usage", usage)
     crew = Crew(tmp_path)
     monkeypatch.setattr(crew, "notice_grandchildren", lambda: {"robot_0/guard": 2})
     meter = Meter(crew, own_pid=1, duration_s=4.0)

@@ -5,10 +5,16 @@ import pytest
 
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
-from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, MachineLimits, RunLimits, load_limits
-from firmware_bridge.sil.report import MachineQuality, ProcessCost, Quality, RobotQuality, SilReport
-from firmware_bridge.sil.table import table
-from firmware_bridge.sil.verdict import broken_limits, disturbances
+from firmware_bridge.sil.judge.table import table
+from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
+from firmware_bridge.sil.measurement.report import (
+    MachineQuality,
+    ProcessCost,
+    Quality,
+    RobotQuality,
+    SilReport,
+)
+from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, MachineLimits, RunLimits, load_limits
 
 AGES = Percentiles(5.0, 15.0, 18.0, 19.0)
 QUALITY = {

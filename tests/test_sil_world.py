@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from firmware_bridge.can.feedback import DeadReckoning, Pose
 from firmware_bridge.kinematics.base import Base, Motion, motion_for
-from firmware_bridge.sil.layout import places
-from firmware_bridge.sil.truth import Truth
-from firmware_bridge.sil.world import World
+from firmware_bridge.sil.firmware.truth import Truth
+from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.simulation.plant import Plant, contact_forces
 
 AHEAD_M, PERIOD_S = 0.2, 0.01

@@ -18,7 +18,7 @@ from benchmarks.sil.cases import Case, cases, soak
 from benchmarks.sil.rows import HEAD, Page, Row, Size, failed, keep, line, settled_row, size_of, sizes_table
 from benchmarks.sil.run import run_case
 from edge_runtime.errors import EdgeError
-from firmware_bridge.sil.team_file import NEAREST
+from firmware_bridge.sil.scenario.team_file import NEAREST
 
 RESULTS = Path(__file__).parents[1] / "results"
 SIZES = ((4, 20.0), (8, 20.0), (16, 20.0), (32, 10.0))

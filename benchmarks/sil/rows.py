@@ -9,7 +9,7 @@ import msgspec
 from benchmarks.again import replaced
 from benchmarks.sil.cases import Case, Late
 from edge_runtime.network.team_wire import FRAME_BYTES
-from firmware_bridge.sil.report import SilReport
+from firmware_bridge.sil.measurement.report import SilReport
 
 ATTEMPTS = 3
 """Runs of a case that only come late."""

@@ -12,8 +12,8 @@ import edge_runtime
 from benchmarks.sil.cases import Case
 from benchmarks.sil.clock import own_clock
 from edge_runtime.errors import BridgeError
-from firmware_bridge.sil.report import SilReport
-from firmware_bridge.sil.team_file import write_key
+from firmware_bridge.sil.measurement.report import SilReport
+from firmware_bridge.sil.scenario.team_file import write_key
 
 FLEETS = Path(edge_runtime.__file__).parent / "fleets"
 SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.15\n'
@@ -38,7 +38,7 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
             flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
         clock = own_clock(folder) if case.own_clock else {}
         done = subprocess.run(  # noqa: S603 - our own interpreter and module
-            [sys.executable, "-m", "firmware_bridge.sil.command", *map(str, flags)],
+            [sys.executable, "-m", "firmware_bridge.sil.edge_sil", *map(str, flags)],
             env={**os.environ, **clock},
             capture_output=True,
             text=True,

@@ -19,7 +19,7 @@ from edge_runtime.run.flags import make_parser as make_run_parser
 SHELLS: Final = ("bash", "zsh")
 MODULES: Final = {
     "edge-replay": "edge_runtime.tools.replay.edge_replay",
-    "edge-sil": "firmware_bridge.sil.command",
+    "edge-sil": "firmware_bridge.sil.edge_sil",
     "edge-watch": "edge_runtime.tools.watch.edge_watch",
     "edge-report": "edge_runtime.tools.report.edge_report",
     "edge-ctl": "edge_runtime.tools.ctl.edge_ctl",

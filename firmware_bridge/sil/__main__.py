@@ -2,7 +2,7 @@
 
 import sys
 
-from firmware_bridge.sil.command import main
+from firmware_bridge.sil.edge_sil import main
 
 if __name__ == "__main__":
     sys.exit(main())

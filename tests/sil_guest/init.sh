@@ -12,7 +12,7 @@ ip link set lo up
 cd "$root"
 before=$(date +%s)
 (while sleep 0.5; do jumped=$(($(date +%s) - before)); [ $jumped -gt 1800 ] && echo $jumped >/run/files/jumped; done) &
-TMPDIR=/run/tmp "$python" -m firmware_bridge.sil.command --robots 2 --bridge mavlink --rate 4 --duration 10 \
+TMPDIR=/run/tmp "$python" -m firmware_bridge.sil.edge_sil --robots 2 --bridge mavlink --rate 4 --duration 10 \
     --faults /run/files/faults.toml --limits /run/files/limits.toml --json /run/files/report.json
 echo o >/proc/sysrq-trigger  # Powers off, soon: the first process must not end before.
 sleep 60

@@ -19,10 +19,11 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from firmware_bridge.can.profile import load_profile, profile_path
-from firmware_bridge.sil.can_node import PROFILE
-from firmware_bridge.sil.faults import AnyFault, ClockJump, NetworkFault, load_faults
-from firmware_bridge.sil.limits import DEFAULT_LIMITS, Limits, load_limits
-from firmware_bridge.sil.team_file import (
+from firmware_bridge.sil.firmware.can_node import PROFILE
+from firmware_bridge.sil.network.tunnel import Tunnel
+from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
+from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, load_limits
+from firmware_bridge.sil.scenario.team_file import (
     Network,
     free_network,
     generated_team,
@@ -31,7 +32,6 @@ from firmware_bridge.sil.team_file import (
     write_fleets,
     write_key,
 )
-from firmware_bridge.sil.tunnel import Tunnel
 
 BridgeKind = Literal["can", "mavlink"]
 ROBOTS = 4

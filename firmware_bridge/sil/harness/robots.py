@@ -8,10 +8,10 @@ from edge_runtime.run.edge_run import BRIDGES
 from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
-from firmware_bridge.sil.can_node import PROFILE
-from firmware_bridge.sil.mavlink_node import AUTOPILOT
-from firmware_bridge.sil.scenario import GUARD_PERIODS, Scenario, Station
-from firmware_bridge.sil.team_file import HOST
+from firmware_bridge.sil.firmware.can_node import PROFILE
+from firmware_bridge.sil.firmware.mavlink_node import AUTOPILOT
+from firmware_bridge.sil.scenario.scenario import GUARD_PERIODS, Scenario, Station
+from firmware_bridge.sil.scenario.team_file import HOST
 
 MODULE = "edge_runtime.run"
 STARTING_S = 120.0

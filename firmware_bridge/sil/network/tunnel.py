@@ -10,8 +10,8 @@ from typing import Final
 
 import msgspec
 
-from firmware_bridge.sil.post import Post
-from firmware_bridge.sil.team_file import HOST
+from firmware_bridge.sil.network.packet_queue import Post
+from firmware_bridge.sil.scenario.team_file import HOST
 
 _PACKET_BYTES: Final = 65535
 

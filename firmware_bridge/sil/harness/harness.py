@@ -12,18 +12,18 @@ from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import BridgeError
 from edge_runtime.run.run_report import RunReport
 from edge_runtime.tools.ctl.operator_link import OperatorLink
-from firmware_bridge.sil.faults import CpuHog, Hostile
-from firmware_bridge.sil.field import FieldRecord, FieldSpec, FieldStart, record_path
-from firmware_bridge.sil.hostile import HostileSpec
-from firmware_bridge.sil.injector import Injector
-from firmware_bridge.sil.meter import PERIOD_S, Meter
-from firmware_bridge.sil.probe import ProbeRecord
-from firmware_bridge.sil.processes import Child, Crew
-from firmware_bridge.sil.relay import Line, RelaySpec
-from firmware_bridge.sil.report import ProcessCost
-from firmware_bridge.sil.robot_log import RobotLog, read_robot_log
-from firmware_bridge.sil.robots import MODULE, log_folder, open_operator, report_path, robot_arguments
-from firmware_bridge.sil.scenario import Scenario
+from firmware_bridge.sil.firmware.world_process import FieldRecord, FieldSpec, FieldStart, record_path
+from firmware_bridge.sil.harness.injector import Injector
+from firmware_bridge.sil.harness.robots import MODULE, log_folder, open_operator, report_path, robot_arguments
+from firmware_bridge.sil.measurement.process_meter import PERIOD_S, Meter
+from firmware_bridge.sil.measurement.processes import Child, Crew
+from firmware_bridge.sil.measurement.report import ProcessCost
+from firmware_bridge.sil.measurement.robot_log import RobotLog, read_robot_log
+from firmware_bridge.sil.measurement.wake_probe import ProbeRecord
+from firmware_bridge.sil.network.attacker import HostileSpec
+from firmware_bridge.sil.network.relay import Line, RelaySpec
+from firmware_bridge.sil.scenario.faults import CpuHog, Hostile
+from firmware_bridge.sil.scenario.scenario import Scenario
 
 PACKAGE = "firmware_bridge.sil"
 STARTING_S = 30.0

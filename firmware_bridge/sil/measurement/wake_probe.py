@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.probe FILE DURATION [realtime]``: how late a sleeping process wakes here.
+"""``python -m firmware_bridge.sil.measurement.wake_probe FILE DURATION [realtime]``: how late a sleeping process wakes here.
 
 Sleeps on a grid like a control loop and does nothing else, with the same scheduling as the robots, once the
 harness tells when the run begins; on SIGTERM it writes what it saw.
@@ -12,7 +12,7 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.common.signals import StopSignals
-from firmware_bridge.sil.samples import Samples
+from firmware_bridge.sil.measurement.samples import Samples
 
 PERIOD_S = 0.005
 

@@ -8,13 +8,20 @@ import numpy as np
 
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.motion.outlook import Floats
-from firmware_bridge.sil.faults import Lasting
-from firmware_bridge.sil.figures import LoggedTicks, halts, miss_counts, missed_bursts, percentiles, pose_ages
-from firmware_bridge.sil.harness import Recording
-from firmware_bridge.sil.node import NodeRecord
-from firmware_bridge.sil.report import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
-from firmware_bridge.sil.scenario import Scenario
-from firmware_bridge.sil.verdict import broken_limits, disturbances
+from firmware_bridge.sil.firmware.node import NodeRecord
+from firmware_bridge.sil.harness.harness import Recording
+from firmware_bridge.sil.judge.figures import (
+    LoggedTicks,
+    halts,
+    miss_counts,
+    missed_bursts,
+    percentiles,
+    pose_ages,
+)
+from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
+from firmware_bridge.sil.measurement.report import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
+from firmware_bridge.sil.scenario.faults import Lasting
+from firmware_bridge.sil.scenario.scenario import Scenario
 
 POSE_TOLERANCE_S = {"can": 0.0, "mavlink": 0.002}
 """How far a runtime's stamp may lie before the measurement: MAVLink counts milliseconds."""

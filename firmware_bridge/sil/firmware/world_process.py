@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.field SPEC``: the plant and every robot's firmware, one process.
+"""``python -m firmware_bridge.sil.firmware.world_process SPEC``: the plant and every robot's firmware, one process.
 
 One process for all firmware nodes, because two cores hold them so with less disturbance than N more processes
 would make; each has its own bus or port, its own state and its own timeout. Everything is paced on one grid
@@ -20,14 +20,14 @@ import msgspec
 from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.config.fleet import load_fleet
-from firmware_bridge.sil.can_node import CanNode
-from firmware_bridge.sil.faults import AnyFault, CorruptFrames, NanPose, StalePose
-from firmware_bridge.sil.mavlink_node import MavlinkNode
-from firmware_bridge.sil.node import FirmwareNode, NodeRecord, Pace
-from firmware_bridge.sil.samples import Samples
-from firmware_bridge.sil.scenario import BridgeKind, Station, robot_bundle
-from firmware_bridge.sil.truth import Deeds, Truth
-from firmware_bridge.sil.world import World
+from firmware_bridge.sil.firmware.can_node import CanNode
+from firmware_bridge.sil.firmware.mavlink_node import MavlinkNode
+from firmware_bridge.sil.firmware.node import FirmwareNode, NodeRecord, Pace
+from firmware_bridge.sil.firmware.truth import Deeds, Truth
+from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.measurement.samples import Samples
+from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, NanPose, StalePose
+from firmware_bridge.sil.scenario.scenario import BridgeKind, Station, robot_bundle
 
 STEP_S: Final = 0.01
 """Of the plant."""

@@ -15,14 +15,14 @@ from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.run.console import output, use_colour
-from firmware_bridge.sil.harness import Harness, StartError
-from firmware_bridge.sil.judge import judge
-from firmware_bridge.sil.limits import DEFAULT_LIMITS
-from firmware_bridge.sil.processes import Crew
-from firmware_bridge.sil.report import SilReport
-from firmware_bridge.sil.robots import check_robot
-from firmware_bridge.sil.scenario import Request, Scenario, prepare
-from firmware_bridge.sil.table import table
+from firmware_bridge.sil.harness.harness import Harness, StartError
+from firmware_bridge.sil.harness.robots import check_robot
+from firmware_bridge.sil.judge.judge import judge
+from firmware_bridge.sil.judge.table import table
+from firmware_bridge.sil.measurement.processes import Crew
+from firmware_bridge.sil.measurement.report import SilReport
+from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS
+from firmware_bridge.sil.scenario.scenario import Request, Scenario, prepare
 
 DESCRIPTION: Final = (
     "Run real robot processes against firmware and a plant, and judge them before any wheel turns."

@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from edge_runtime.messages import Vector2
-from firmware_bridge.sil.samples import Samples
-from firmware_bridge.sil.world import Pose
+from firmware_bridge.sil.firmware.world import Pose
+from firmware_bridge.sil.measurement.samples import Samples
 
 REST: Vector2 = (0.0, 0.0)
 LONGEST_QUEUE_S: Final = 1.0

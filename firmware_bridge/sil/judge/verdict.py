@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from firmware_bridge.sil.limits import MachineLimits, RunLimits
-from firmware_bridge.sil.report import MachineQuality, RobotQuality, SilReport
+from firmware_bridge.sil.measurement.report import MachineQuality, RobotQuality, SilReport
+from firmware_bridge.sil.scenario.limits import MachineLimits, RunLimits
 
 
 def disturbances(machine: MachineQuality, limits: MachineLimits) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from firmware_bridge.sil.disturbance import Disturbance
+from firmware_bridge.sil.network.disturbance import Disturbance
 
 _IDLE_S: Final = 0.1
 Send = Callable[[bytes], object]

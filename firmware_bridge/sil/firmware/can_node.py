@@ -15,8 +15,8 @@ from cantools.database.can import Database
 
 from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.profile import load_profile, profile_path
-from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
-from firmware_bridge.sil.world import Pose
+from firmware_bridge.sil.firmware.node import FirmwareNode, Pace, to_monotonic
+from firmware_bridge.sil.firmware.world import Pose
 
 PROFILE: Final = "agilex_v2"
 STATE_PERIOD_S: Final = 0.1

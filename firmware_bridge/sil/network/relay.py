@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.relay SPEC``: a network with faults, between the robots' own sockets.
+"""``python -m firmware_bridge.sil.network.relay SPEC``: a network with faults, between the robots' own sockets.
 
 Each robot has a port here; the others' fleet files name it instead of the robot's own. What arrives goes on
 to the robot, unless the timeline's faults lose, repeat, hold back or change it. On Zenoh each pair of robots
@@ -17,12 +17,12 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.common.signals import StopSignals
-from firmware_bridge.sil.disturbance import Disturbance
-from firmware_bridge.sil.faults import AnyFault
-from firmware_bridge.sil.helper import await_start
-from firmware_bridge.sil.post import Post
-from firmware_bridge.sil.team_file import HOST
-from firmware_bridge.sil.tunnel import Tunnel, TunnelEnds
+from firmware_bridge.sil.network.disturbance import Disturbance
+from firmware_bridge.sil.network.packet_queue import Post
+from firmware_bridge.sil.network.tunnel import Tunnel, TunnelEnds
+from firmware_bridge.sil.scenario.faults import AnyFault
+from firmware_bridge.sil.scenario.start_gate import await_start
+from firmware_bridge.sil.scenario.team_file import HOST
 
 _PACKET_BYTES: Final = 65535
 

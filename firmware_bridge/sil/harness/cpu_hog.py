@@ -1,9 +1,9 @@
-"""``python -m firmware_bridge.sil.hog AT_S FOR_S``: computes without end for a while."""
+"""``python -m firmware_bridge.sil.harness.cpu_hog AT_S FOR_S``: computes without end for a while."""
 
 import sys
 import time
 
-from firmware_bridge.sil.helper import await_start, sleep_until
+from firmware_bridge.sil.scenario.start_gate import await_start, sleep_until
 
 
 def main(arguments: list[str]) -> int:

@@ -4,7 +4,7 @@ import random
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_bridge.sil.faults import (
+from firmware_bridge.sil.scenario.faults import (
     AnyFault,
     Blackout,
     CorruptPackets,

@@ -5,7 +5,7 @@ import time
 
 import msgspec
 
-from firmware_bridge.sil.field import FieldStart
+from firmware_bridge.sil.firmware.world_process import FieldStart
 
 
 def await_start() -> float:

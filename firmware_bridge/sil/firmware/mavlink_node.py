@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
 
 from firmware_bridge.kinematics.frames import rotate, swap_enu_ned, swap_heading_yaw
 from firmware_bridge.mavlink.profiles import PROFILES
-from firmware_bridge.sil.node import FirmwareNode, Pace, to_monotonic
-from firmware_bridge.sil.world import Pose
+from firmware_bridge.sil.firmware.node import FirmwareNode, Pace, to_monotonic
+from firmware_bridge.sil.firmware.world import Pose
 
 AUTOPILOT: Final = "ardupilot_rover"
 STREAM_PERIOD_S: Final = 0.25

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edge_runtime.common.toml_file import Table
-from firmware_bridge.sil.layout import places
+from firmware_bridge.sil.scenario.layout import places
 
 HOST = "127.0.0.1"
 NEAREST = 3

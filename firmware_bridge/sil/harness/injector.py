@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.sil.faults import AnyFault, ClockJump, Freeze, Kill, LogFull, Objectives
-from firmware_bridge.sil.processes import Crew
+from firmware_bridge.sil.measurement.processes import Crew
+from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, Freeze, Kill, LogFull, Objectives
 
 Deed = Callable[[], None]
 

@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.hostile SPEC``: a peer without the key, which talks to every robot.
+"""``python -m firmware_bridge.sil.network.attacker SPEC``: a peer without the key, which talks to every robot.
 
 It knows the layout of the frames and makes good ones, under a key of its own; it sends them as they are, cut,
 altered, as noise, and again and again. What it sends goes to the robots' own ports.
@@ -17,9 +17,9 @@ import msgspec
 
 from edge_runtime.messages import RobotState
 from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC, Frame, encode
-from firmware_bridge.sil.faults import Hostile
-from firmware_bridge.sil.helper import await_start, sleep_until
-from firmware_bridge.sil.team_file import HOST
+from firmware_bridge.sil.scenario.faults import Hostile
+from firmware_bridge.sil.scenario.start_gate import await_start, sleep_until
+from firmware_bridge.sil.scenario.team_file import HOST
 
 BURST_S = 0.005
 """Frames go out in bursts this far apart: sleeping for each would cost more than the frames."""

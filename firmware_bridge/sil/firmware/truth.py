@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_runtime.messages import Vector2
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from firmware_bridge.sil.world import World
+from firmware_bridge.sil.firmware.world import World
 
 
 class Deeds(msgspec.Struct, frozen=True):

@@ -1,0 +1,1 @@
+"""Runs a scenario: starts everything, follows the timeline, ends everything."""

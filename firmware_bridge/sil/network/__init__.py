@@ -1,0 +1,1 @@
+"""A network with faults between the robots' own sockets, and whoever attacks it."""

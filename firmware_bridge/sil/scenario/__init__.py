@@ -1,0 +1,1 @@
+"""What a run in the loop is to be: flags, files, faults and limits."""
