@@ -10,8 +10,8 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import FlowStart
+from export.algorithms.networks import Actor, FlowNetwork
 from export.atomic import write_atomic
-from export.networks import Actor, FlowNetwork
 
 CHECKPOINT = "checkpoint.pt"
 BEST = "best.pt"

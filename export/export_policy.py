@@ -10,10 +10,10 @@ from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.manifest import Training
 from edge_runtime.policy.weights import FlowWeights
+from export.algorithms.networks import FlowNetwork
 from export.bundle_writer import write_bundle
 from export.checkpoint import PolicyFacts, load_policy
 from export.facts import FACTS_TEMPLATE, Facts, read_facts
-from export.networks import FlowNetwork
 from export.onnx.affine import NotAnMlpError
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.graph import velocity_graph

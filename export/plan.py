@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import ConfigError
-from export.algorithm import Algorithm, TrainingSettings
+from export.algorithms.base import Algorithm, TrainingSettings
+from export.algorithms.mafpo import Mafpo
+from export.algorithms.mafpo_chain import MafpoChain
+from export.algorithms.mafpo_warm import MafpoWarm
+from export.algorithms.mappo import Mappo
+from export.algorithms.pc_mappo import PcMappo
 from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
-from export.mafpo import Mafpo
-from export.mafpo_chain import MafpoChain
-from export.mafpo_warm import MafpoWarm
-from export.mappo import Mappo
-from export.pc_mappo import PcMappo
 from export.scenarios import scenario_facts
 
 ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, MafpoWarm, PcMappo)}

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from export.algorithm import Algorithm
+from export.algorithms.base import Algorithm
 from export.distributed import Workers
 from export.scenarios.scenario import EpisodeMetrics, Scenario, Transition
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.bundle import MANIFEST_FILE
+from export.algorithms.mafpo_warm import MafpoWarm
+from export.algorithms.mappo import Mappo
 from export.checkpoint import CHECKPOINT
-from export.mafpo_warm import MafpoWarm
-from export.mappo import Mappo
 from export.plan import ALGORITHMS
 
 FRAMES = {"navigation": 700_000, "balance": 2_000_000, "sampling": 900_000}

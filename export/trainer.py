@@ -6,11 +6,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from export.algorithm import Algorithm, TrainingSettings
+from export.algorithms.base import Algorithm, TrainingSettings
+from export.algorithms.gae import advantages
+from export.algorithms.moments import RunningMoments
+from export.algorithms.networks import Critic, team_views
 from export.distributed import Workers
-from export.gae import advantages
-from export.moments import RunningMoments
-from export.networks import Critic, team_views
 from export.rollout import Collector, Rollout
 from export.scenarios.scenario import EpisodeMetrics, Scenario
 

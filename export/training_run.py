@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from edge_runtime.errors import ConfigError
-from export.algorithm import TrainingSettings
+from export.algorithms.base import TrainingSettings
 from export.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
 from export.distributed import Workers
 from export.metrics import MetricsRow, draw_curve, write_table

@@ -2,7 +2,7 @@
 
 import torch
 
-from export.algorithm import Algorithm
+from export.algorithms.base import Algorithm
 from export.distributed import Workers
 from export.rollout import evaluate
 from export.scenarios import make_scenario

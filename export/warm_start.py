@@ -1,4 +1,4 @@
-"""Where `export.mafpo_warm` begins: a trained Gaussian policy, and what it sees when it drives."""
+"""Where `export.algorithms.mafpo_warm` begins: a trained Gaussian policy, and what it sees when it drives."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from edge_runtime.errors import ConfigError
+from export.algorithms.mafpo_warm import DEVIATION, match
+from export.algorithms.networks import FlowNetwork
 from export.checkpoint import load_policy
-from export.mafpo_warm import DEVIATION, match
-from export.networks import FlowNetwork
 from export.scenarios import make_scenario
 
 ENVIRONMENTS = 256

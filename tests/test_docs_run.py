@@ -113,8 +113,8 @@ def give_training(folder):
     import onnx.utils  # noqa: PLC0415
     import torch  # noqa: PLC0415
 
+    from export.algorithms.networks import FlowNetwork  # noqa: PLC0415
     from export.checkpoint import PolicyFacts, save_policy  # noqa: PLC0415
-    from export.networks import FlowNetwork  # noqa: PLC0415
 
     torch.manual_seed(0)
     (folder / "runs" / "nav").mkdir(parents=True)

@@ -2,7 +2,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from export.gae import advantages
+from export.algorithms.gae import advantages
 
 
 def brute_force(reward, value, last_value, done, discount, gae_lambda):

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from export.mafpo import Mafpo, conditional_flow_matching_loss
-from export.networks import FlowNetwork
+from export.algorithms.mafpo import Mafpo, conditional_flow_matching_loss
+from export.algorithms.networks import FlowNetwork
 
 
 def explored(algorithm, rows=64, seed=0):

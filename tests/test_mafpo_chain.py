@@ -3,7 +3,7 @@ from dataclasses import replace
 import torch
 from torch.distributions import Normal
 
-from export.mafpo_chain import MafpoChain
+from export.algorithms.mafpo_chain import MafpoChain
 
 
 def algorithm_with_weights():

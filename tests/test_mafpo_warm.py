@@ -6,10 +6,10 @@ import pytest
 import scipy.integrate
 import torch
 
-from export import mafpo_warm
+from export.algorithms import mafpo_warm
+from export.algorithms.mafpo_warm import DEVIATION, STEP_NOISE, MafpoWarm, match
+from export.algorithms.networks import FlowNetwork
 from export.distributed import Workers
-from export.mafpo_warm import DEVIATION, STEP_NOISE, MafpoWarm, match
-from export.networks import FlowNetwork
 
 STEPS = 100
 """Euler steps of a sample; enough to tell the flow from its discretisation."""

@@ -13,9 +13,9 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.policy.bundle import load_bundle
+from export.algorithms.mappo import Mappo
 from export.checkpoint import PolicyFacts, save_policy
 from export.export_policy import export_run
-from export.mappo import Mappo
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
+from export.algorithms.mafpo import Mafpo
 from export.distributed import Workers
-from export.mafpo import Mafpo
 from export.rollout import Collector, EpisodeTally, evaluate
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Transition

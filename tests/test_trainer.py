@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from export.algorithm import TrainingSettings
+from export.algorithms.base import TrainingSettings
+from export.algorithms.mafpo import Mafpo
+from export.algorithms.mafpo_chain import MafpoChain
+from export.algorithms.mappo import Mappo
 from export.distributed import Workers, join, launch
-from export.mafpo import Mafpo
-from export.mafpo_chain import MafpoChain
-from export.mappo import Mappo
 from export.rollout import Rollout
 from export.scenarios import make_scenario
 from export.trainer import Trainer

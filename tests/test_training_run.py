@@ -13,10 +13,10 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export import warm_start
-from export.algorithm import TrainingSettings
+from export.algorithms.base import TrainingSettings
+from export.algorithms.mafpo_warm import MafpoWarm, match
 from export.checkpoint import load, load_policy
 from export.distributed import Workers
-from export.mafpo_warm import MafpoWarm, match
 from export.plan import ALGORITHMS, Request, make_plan
 from export.training_run import TrainingRun
 

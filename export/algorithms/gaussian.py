@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.distributions import Independent, Normal
 
 from edge_runtime.policy.weights import Activation
-from export.networks import ACTIVATIONS, Actor, FlowNetwork
+from export.algorithms.networks import ACTIVATIONS, Actor, FlowNetwork
 
 
 class GaussianNetwork(Actor):

@@ -1,7 +1,7 @@
 """Multi-agent proximal policy optimisation (MAPPO, Yu et al. 2022): the paper's baseline policy.
 
 All robots share one Gaussian actor that sees its own observation only; the advantages come from a
-centralised critic (``export.trainer``). ``export.gaussian`` says how its mean is deployed.
+centralised critic (``export.trainer``). ``export.algorithms.gaussian`` says how its mean is deployed.
 """
 
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from export.algorithm import TrainingSettings
-from export.gaussian import GaussianNetwork
+from export.algorithms.base import TrainingSettings
+from export.algorithms.gaussian import GaussianNetwork
 
 
 @dataclass(frozen=True)

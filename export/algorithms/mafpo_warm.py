@@ -1,12 +1,12 @@
 """MAFPO from a warm start: a Gaussian policy first, then its flow.
 
-A flow learns a hard task more slowly than a Gaussian policy (`export.mappo`), and what it learns answers
+A flow learns a hard task more slowly than a Gaussian policy (`export.algorithms.mappo`), and what it learns answers
 more stiffly to being pushed about. Here the flow begins as that policy: for actions N(mu(o), s^2 I) the
 optimal transport path has the velocity
 
     v(a, tau | o) = k(tau) a + (1 - tau k(tau)) mu(o),
 
-k being the prior field's gain of `export.networks` with s its deviation. The flow is regressed on it where
+k being the prior field's gain of `export.algorithms.networks` with s its deviation. The flow is regressed on it where
 the Gaussian policy drives, and goes on learning by itself as `mafpo-chain` does, with that policy's critic.
 """
 
@@ -15,9 +15,9 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from export.algorithm import TrainingSettings
-from export.mafpo_chain import ChainSettings, MafpoChain, NoisyFlow
-from export.networks import FlowNetwork
+from export.algorithms.base import TrainingSettings
+from export.algorithms.mafpo_chain import ChainSettings, MafpoChain, NoisyFlow
+from export.algorithms.networks import FlowNetwork
 
 DEVIATION = 0.2
 """s, about what a Gaussian policy explores with in the end. With 0.1 the flow by itself is no better, and

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from export.algorithm import TrainingSettings
-from export.networks import FlowNetwork
-from export.precision import half_precision
+from export.algorithms.base import TrainingSettings
+from export.algorithms.networks import FlowNetwork
+from export.algorithms.precision import half_precision
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from export.algorithm import TrainingSettings
-from export.networks import Actor, FlowNetwork
-from export.precision import half_precision
+from export.algorithms.base import TrainingSettings
+from export.algorithms.networks import Actor, FlowNetwork
+from export.algorithms.precision import half_precision
 
 
 @dataclass(frozen=True)

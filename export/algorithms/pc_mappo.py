@@ -5,7 +5,7 @@ much the task and each execution objective count in this episode, and are reward
 execution time the preference is an input like any other, and nothing guides the action.
 """
 
-from export.mappo import Mappo
+from export.algorithms.mappo import Mappo
 
 
 class PcMappo(Mappo):

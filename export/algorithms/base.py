@@ -6,7 +6,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from export.networks import Actor
+from export.algorithms.networks import Actor
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from edge_runtime.policy.manifest import FlowStart
 from edge_runtime.policy.weights import Activation, FlowWeights
-from export.moments import RunningMoments
+from export.algorithms.moments import RunningMoments
 
 ACTIVATIONS: dict[Activation, type[nn.Module]] = {"silu": nn.SiLU, "tanh": nn.Tanh}
 TIME_FREQUENCIES = (1.0, 2.0, 4.0, 8.0)

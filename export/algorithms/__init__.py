@@ -1,0 +1,1 @@
+"""Networks, and the algorithms that train them."""
