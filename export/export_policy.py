@@ -11,16 +11,16 @@ from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.manifest import Training
 from edge_runtime.policy.weights import FlowWeights
 from export.algorithms.networks import FlowNetwork
-from export.bundle_writer import write_bundle
+from export.bundle.facts import FACTS_TEMPLATE, Facts, read_facts
+from export.bundle.parity import SAMPLES, evaluate_torch, random_inputs
+from export.bundle.writer import write_bundle
 from export.checkpoint import PolicyFacts, load_policy
-from export.facts import FACTS_TEMPLATE, Facts, read_facts
 from export.onnx.affine import NotAnMlpError
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
 from export.onnx.mlp import read_flow_weights
 from export.onnx.reference import GraphReference
-from export.parity import SAMPLES, evaluate_torch, random_inputs
 from export.scenarios import scenario_facts
 
 EPILOG = """\

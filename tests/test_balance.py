@@ -9,7 +9,7 @@ import vmas
 from edge_runtime.errors import PolicyError
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.schema import GRAPH_FILE, check_manifest
-from export.facts import Facts
+from export.bundle.facts import Facts
 from export.scenarios import make_scenario
 from export.scenarios.balance import (
     FACTS,

@@ -11,12 +11,12 @@ from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.policy.agreement import TOLERANCE
 from edge_runtime.policy.bundle import load_bundle
 from edge_runtime.policy.numpy_policy import FlowPolicy
-from export import bundle_writer
-from export.bundle_writer import write_bundle
-from export.facts import Facts
+from export.bundle import writer as bundle_writer
+from export.bundle.facts import Facts
+from export.bundle.parity import random_inputs, require_parity
+from export.bundle.writer import write_bundle
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
-from export.parity import random_inputs, require_parity
 
 FACTS = Facts(MANIFEST.observation, MANIFEST.action, 10.0, 10, MANIFEST.dynamics, MANIFEST.body)
 WEIGHTS = random_weights(hidden=(16, 16))

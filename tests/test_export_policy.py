@@ -13,8 +13,8 @@ from velocity_nets import Mlp, Normed, autograd, export, graph_of
 from edge_runtime.policy.bundle import load_bundle
 from export import export_policy
 from export.algorithms.networks import FlowNetwork
+from export.bundle.facts import FACTS_TEMPLATE
 from export.checkpoint import PolicyFacts, save_policy
-from export.facts import FACTS_TEMPLATE
 
 FACTS = FACTS_TEMPLATE.replace("lidar_rays = 12", "lidar_rays = 1")
 """Observations of seven numbers, as `velocity_nets.OBSERVATION`."""

@@ -3,7 +3,7 @@
 import pytest
 
 from edge_runtime.errors import EdgeError
-from export.facts import FACTS_TEMPLATE, read_facts
+from export.bundle.facts import FACTS_TEMPLATE, read_facts
 from export.scenarios.navigation import FACTS
 
 

@@ -12,10 +12,10 @@ from torch import nn
 from velocity_nets import OBSERVATION, Attention, Mlp, Normed, Residual, autograd, export, graph_of
 
 from edge_runtime.errors import PolicyError
+from export.bundle.parity import Inputs
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.jacobian import with_jacobian
 from export.onnx.reference import GraphReference
-from export.parity import Inputs
 
 
 def run(model, **inputs):

@@ -8,7 +8,7 @@ from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 
 from edge_runtime.errors import PolicyError
-from export.parity import Floats, Inputs
+from export.bundle.parity import Floats, Inputs
 
 STEP = 3e-4
 """h of the differences: so wide that no kink of a float32 form lies beyond the stencil that sees it."""

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from edge_runtime.errors import BundleError
 from edge_runtime.policy.agreement import TOLERANCE, largest_difference
-from export.facts import Facts
+from export.bundle.facts import Facts
 
 Floats = npt.NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from edge_runtime.policy.manifest import Network
 from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
 from edge_runtime.policy.weight_file import pack_weights
 from edge_runtime.policy.weights import FlowWeights
-from export.facts import Facts
-from export.parity import Floats, Inputs, require_parity
+from export.bundle.facts import Facts
+from export.bundle.parity import Floats, Inputs, require_parity
 
 
 def write_bundle(
