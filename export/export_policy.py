@@ -14,7 +14,6 @@ from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import FACTS_TEMPLATE, Facts, read_facts
 from export.bundle.parity import SAMPLES, evaluate_torch, random_inputs
 from export.bundle.writer import write_bundle
-from export.checkpoint import PolicyFacts, load_policy
 from export.onnx.affine import NotAnMlpError
 from export.onnx.foreign import read_velocity_graph
 from export.onnx.graph import velocity_graph
@@ -22,6 +21,7 @@ from export.onnx.jacobian import with_jacobian
 from export.onnx.mlp import read_flow_weights
 from export.onnx.reference import GraphReference
 from export.scenarios import scenario_facts
+from export.training.checkpoint import PolicyFacts, load_policy
 
 EPILOG = """\
 exit codes:

@@ -11,10 +11,10 @@ from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
 from export.distributed import join, launch
-from export.plan import ALGORITHMS, Request, make_plan
-from export.progress import ProgressView
 from export.scenarios import SCENARIOS
-from export.training_run import TrainingRun
+from export.training.plan import ALGORITHMS, Request, make_plan
+from export.training.progress import ProgressView
+from export.training.run import TrainingRun
 
 EPILOG = """\
 exit codes:

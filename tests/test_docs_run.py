@@ -114,7 +114,7 @@ def give_training(folder):
     import torch  # noqa: PLC0415
 
     from export.algorithms.networks import FlowNetwork  # noqa: PLC0415
-    from export.checkpoint import PolicyFacts, save_policy  # noqa: PLC0415
+    from export.training.checkpoint import PolicyFacts, save_policy  # noqa: PLC0415
 
     torch.manual_seed(0)
     (folder / "runs" / "nav").mkdir(parents=True)

@@ -14,7 +14,7 @@ from edge_runtime.policy.bundle import load_bundle
 from export import export_policy
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import FACTS_TEMPLATE
-from export.checkpoint import PolicyFacts, save_policy
+from export.training.checkpoint import PolicyFacts, save_policy
 
 FACTS = FACTS_TEMPLATE.replace("lidar_rays = 12", "lidar_rays = 1")
 """Observations of seven numbers, as `velocity_nets.OBSERVATION`."""

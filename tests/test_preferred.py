@@ -9,13 +9,13 @@ import torch
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle
 from export.algorithms.pc_mappo import PcMappo
-from export.checkpoint import PolicyFacts, save_policy
 from export.export_policy import export_run
 from export.scenarios import SCENARIOS, make_scenario, scenario_facts
 from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
 from export.scenarios.navigation import FACTS
 from export.scenarios.scenario import EpisodeMetrics
 from export.scenarios.violations import violations
+from export.training.checkpoint import PolicyFacts, save_policy
 
 CPU = torch.device("cpu")
 SPEED, MARGIN = EXECUTION_OBJECTIVES["navigation"]

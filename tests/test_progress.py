@@ -1,5 +1,5 @@
-from export.metrics import MetricsRow
-from export.progress import ProgressView
+from export.training.metrics import MetricsRow
+from export.training.progress import ProgressView
 
 
 def test_lines_without_a_terminal_name_every_figure(capsys):

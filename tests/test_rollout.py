@@ -3,9 +3,9 @@ import torch
 
 from export.algorithms.mafpo import Mafpo
 from export.distributed import Workers
-from export.rollout import Collector, EpisodeTally, evaluate
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Transition
+from export.training.rollout import Collector, EpisodeTally, evaluate
 
 CPU = torch.device("cpu")
 

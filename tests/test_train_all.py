@@ -5,9 +5,9 @@ import pytest
 from edge_runtime.errors import ConfigError
 from export import train_all
 from export.algorithms.mafpo_warm import MafpoWarm
-from export.plan import ALGORITHMS, make_plan
 from export.train import parse
 from export.train_all import FRAMES, jobs, main
+from export.training.plan import ALGORITHMS, make_plan
 
 
 def job(out, algorithm, scenario="balance", seed=2):

@@ -10,9 +10,9 @@ from export.algorithms.mafpo import Mafpo
 from export.algorithms.mafpo_chain import MafpoChain
 from export.algorithms.mappo import Mappo
 from export.distributed import Workers, join, launch
-from export.rollout import Rollout
 from export.scenarios import make_scenario
-from export.trainer import Trainer
+from export.training.rollout import Rollout
+from export.training.trainer import Trainer
 
 ENVIRONMENTS, STEPS, ROBOTS = 8, 5, 4
 SETTINGS = TrainingSettings(

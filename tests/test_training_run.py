@@ -12,13 +12,13 @@ import pytest
 import torch
 
 from edge_runtime.errors import ConfigError
-from export import warm_start
 from export.algorithms.base import TrainingSettings
 from export.algorithms.mafpo_warm import MafpoWarm, match
-from export.checkpoint import load, load_policy
 from export.distributed import Workers
-from export.plan import ALGORITHMS, Request, make_plan
-from export.training_run import TrainingRun
+from export.training import warm_start
+from export.training.checkpoint import load, load_policy
+from export.training.plan import ALGORITHMS, Request, make_plan
+from export.training.run import TrainingRun
 
 SETTINGS = TrainingSettings(
     frames=6 * 48,

@@ -9,13 +9,13 @@ from test_training_run import SETTINGS, request, same, train
 
 from edge_runtime.errors import ConfigError
 from export import train as command
-from export import warm_start
 from export.algorithms.mafpo_warm import MafpoWarm, match
-from export.checkpoint import load, load_policy
 from export.distributed import Workers
-from export.plan import make_plan
 from export.scenarios import make_scenario, scenario_facts
-from export.training_run import TrainingRun
+from export.training import warm_start
+from export.training.checkpoint import load, load_policy
+from export.training.plan import make_plan
+from export.training.run import TrainingRun
 
 BRIEF = replace(SETTINGS, frames=3 * 48, validation_every=9)
 

@@ -1,7 +1,7 @@
 """Multi-agent flow policy optimisation (MAFPO): eqs. 3, 8 and 9 of the CFPG paper, top to bottom.
 
 All robots share one flow actor that sees its own observation only; the ratio and the objective are
-taken per robot, the advantages come from a centralised critic (``export.trainer``).
+taken per robot, the advantages come from a centralised critic (``export.training.trainer``).
 """
 
 from dataclasses import dataclass

@@ -11,8 +11,8 @@ from export.algorithms.mafpo_chain import MafpoChain
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.algorithms.mappo import Mappo
 from export.algorithms.pc_mappo import PcMappo
-from export.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
 from export.scenarios import scenario_facts
+from export.training.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
 
 ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, MafpoWarm, PcMappo)}
 

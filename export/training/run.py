@@ -12,15 +12,15 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
-from export.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
 from export.distributed import Workers
-from export.metrics import MetricsRow, draw_curve, write_table
-from export.plan import Request, make_algorithm, make_plan
 from export.scenarios import make_scenario
 from export.scenarios.scenario import EpisodeMetrics
-from export.trainer import Trainer
-from export.validation import Validation
-from export.warm_start import warm_start
+from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
+from export.training.metrics import MetricsRow, draw_curve, write_table
+from export.training.plan import Request, make_algorithm, make_plan
+from export.training.trainer import Trainer
+from export.training.validation import Validation
+from export.training.warm_start import warm_start
 
 
 class TrainingRun:

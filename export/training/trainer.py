@@ -11,8 +11,8 @@ from export.algorithms.gae import advantages
 from export.algorithms.moments import RunningMoments
 from export.algorithms.networks import Critic, team_views
 from export.distributed import Workers
-from export.rollout import Collector, Rollout
 from export.scenarios.scenario import EpisodeMetrics, Scenario
+from export.training.rollout import Collector, Rollout
 
 CHUNK = 8192
 """Samples evaluated at once where no gradient is needed: bounds memory, stays in the cache."""

@@ -9,8 +9,8 @@ from torch import Tensor
 from edge_runtime.errors import ConfigError
 from export.algorithms.mafpo_warm import DEVIATION, match
 from export.algorithms.networks import FlowNetwork
-from export.checkpoint import load_policy
 from export.scenarios import make_scenario
+from export.training.checkpoint import load_policy
 
 ENVIRONMENTS = 256
 EVERY = 4

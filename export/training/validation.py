@@ -4,9 +4,9 @@ import torch
 
 from export.algorithms.base import Algorithm
 from export.distributed import Workers
-from export.rollout import evaluate
 from export.scenarios import make_scenario
 from export.scenarios.scenario import EpisodeMetrics
+from export.training.rollout import evaluate
 
 VALIDATION_SEED = 20_000
 """Seeds of the starts and of the noise; worker r adds r, so up to thousands of workers stay disjoint."""

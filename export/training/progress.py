@@ -5,7 +5,7 @@ import time
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from export.metrics import MetricsRow
+from export.training.metrics import MetricsRow
 
 
 class ProgressView:

@@ -1,0 +1,1 @@
+"""One training run: roll-outs, updates, checkpoints, validation."""
