@@ -57,14 +57,14 @@ class Job:
         """What trains and exports it, from wherever it was left."""
         directory, before = str(self.directory), self.predecessor
         frames = MafpoWarm.settings.frames if before else FRAMES[self.scenario]
-        train = ["export.train", self.scenario, "--algorithm", self.algorithm, "--seed", str(self.seed)]
+        train = ["export.edge_train", self.scenario, "--algorithm", self.algorithm, "--seed", str(self.seed)]
         train += ["--frames", str(frames), "--out", directory]
         if (self.directory / CHECKPOINT).exists():
             train.append("--resume")
         elif before:
             train += ["--warm-start", str(before.directory)]
         yield train
-        yield ["export.export_policy", directory, "--out", str(self.bundle)]
+        yield ["export.edge_export", directory, "--out", str(self.bundle)]
 
 
 def jobs(out: Path, scenarios: Sequence[str], algorithms: Sequence[str], seeds: int) -> list[Job]:

@@ -13,7 +13,7 @@ from edge_runtime.completion.completion import MODULES, script
 
 PYPROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text()
 SCRIPTS = dict(re.findall(r'^(edge-\w+) = "(.+):main"$', PYPROJECT, re.MULTILINE))
-WORKSTATION = ("export.train", "export.export_policy")
+WORKSTATION = ("export.edge_train", "export.edge_export")
 if importlib.util.find_spec("torch") is None:
     SCRIPTS = {name: module for name, module in SCRIPTS.items() if module not in WORKSTATION}
 

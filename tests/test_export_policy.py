@@ -11,7 +11,7 @@ from torch import nn
 from velocity_nets import Mlp, Normed, autograd, export, graph_of
 
 from edge_runtime.policy.bundle import load_bundle
-from export import export_policy
+from export import edge_export as export_policy
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import FACTS_TEMPLATE
 from export.training.checkpoint import PolicyFacts, save_policy

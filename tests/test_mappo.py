@@ -14,7 +14,7 @@ from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.policy.bundle import load_bundle
 from export.algorithms.mappo import Mappo
-from export.export_policy import export_run
+from export.edge_export import export_run
 from export.training.checkpoint import PolicyFacts, save_policy
 
 

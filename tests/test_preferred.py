@@ -9,7 +9,7 @@ import torch
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle
 from export.algorithms.pc_mappo import PcMappo
-from export.export_policy import export_run
+from export.edge_export import export_run
 from export.scenarios import SCENARIOS, make_scenario, scenario_facts
 from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
 from export.scenarios.navigation import FACTS

@@ -1,6 +1,6 @@
 import pytest
 
-from export.train import main
+from export.edge_train import main
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from edge_runtime.errors import ConfigError
 from export import train_all
 from export.algorithms.mafpo_warm import MafpoWarm
-from export.train import parse
+from export.edge_train import parse
 from export.train_all import FRAMES, jobs, main
 from export.training.plan import ALGORITHMS, make_plan
 
@@ -24,8 +24,8 @@ def begun(job):
 def train_request(job):
     """What edge-train makes of the job's command; the other command exports it."""
     (module, *flags), export = job.commands()
-    assert module == "export.train"
-    assert export == ["export.export_policy", str(job.directory), "--out", str(job.bundle)]
+    assert module == "export.edge_train"
+    assert export == ["export.edge_export", str(job.directory), "--out", str(job.bundle)]
     return parse(flags)[0]
 
 
@@ -55,7 +55,7 @@ def events_of(monkeypatch, fails=lambda _job: False):
     def run(job):
         events.append(("begun", job.algorithm, job.seed))
         if fails(job):
-            raise ConfigError(f"{job.directory}: export.train failed")
+            raise ConfigError(f"{job.directory}: export.edge_train failed")
         events.append(("finished", job.algorithm, job.seed))
         job.bundle.mkdir(parents=True)
         (job.bundle / "manifest.json").touch()
@@ -90,4 +90,4 @@ def test_a_failure_is_one_line_and_the_others_go_on(tmp_path, monkeypatch, capsy
     assert main(flags) == 1
     assert ("finished", "mappo", 1) in events
     lines = capsys.readouterr().out.splitlines()
-    assert f"train_all: {tmp_path}/balance/mappo/seed-0: export.train failed" in lines
+    assert f"train_all: {tmp_path}/balance/mappo/seed-0: export.edge_train failed" in lines

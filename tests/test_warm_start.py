@@ -8,7 +8,7 @@ import torch
 from test_training_run import SETTINGS, request, same, train
 
 from edge_runtime.errors import ConfigError
-from export import train as command
+from export import edge_train as command
 from export.algorithms.mafpo_warm import MafpoWarm, match
 from export.distributed import Workers
 from export.scenarios import make_scenario, scenario_facts

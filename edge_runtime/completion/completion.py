@@ -24,8 +24,8 @@ MODULES: Final = {
     "edge-report": "edge_runtime.tools.report.edge_report",
     "edge-ctl": "edge_runtime.tools.ctl.edge_ctl",
     "edge-pose": "edge_runtime.tools.pose.edge_pose",
-    "edge-train": "export.train",
-    "edge-export": "export.export_policy",
+    "edge-train": "export.edge_train",
+    "edge-export": "export.edge_export",
 }
 """Each offers ``make_parser``; edge-run's and edge-doctor's flags depend on the bridge."""
 EPILOG: Final = """\
