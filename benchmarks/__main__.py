@@ -6,13 +6,13 @@ import sys
 from edge_runtime.errors import EdgeError
 
 COMMANDS = {
-    "faults": "benchmarks.faults.command",
-    "latency": "benchmarks.latency.command",
+    "faults": "benchmarks.faults.faults_command",
+    "latency": "benchmarks.latency.latency_command",
     "navigation": "benchmarks.navigation",
-    "sil": "benchmarks.sil.command",
-    "page": "benchmarks.page",
+    "sil": "benchmarks.sil.sil_command",
+    "page": "benchmarks.result_page",
     "pictures": "benchmarks.pictures",
-    "paper": "benchmarks.paper.command",
+    "paper": "benchmarks.paper.paper_command",
     "recording": "benchmarks.recording",
 }
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.page import add_html_flag, check_writable, table, write_html
+from benchmarks.result_page import add_html_flag, check_writable, table, write_html
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission

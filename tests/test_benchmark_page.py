@@ -11,11 +11,11 @@ from benchmarks.faults.rows import Row as Fault
 from benchmarks.faults.rows import draw as draw_faults
 from benchmarks.faults.rows import read_rows
 from benchmarks.faults.rows import render as render_faults
-from benchmarks.page import main, make_page, table, write_html
 from benchmarks.recording import HandOver
 from benchmarks.recording import Row as Recorded
 from benchmarks.recording import draw as draw_recording
 from benchmarks.recording import render as render_recording
+from benchmarks.result_page import main, make_page, table, write_html
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import Figure, Note, Table, Verdict, render
 

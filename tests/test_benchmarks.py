@@ -7,13 +7,14 @@ import pytest
 from conftest import ENGINES, needs_kernel
 
 from benchmarks import __main__ as entry
-from benchmarks.latency import budgets, command, limit, machine, paced
+from benchmarks.latency import budgets, limit, machine, paced
+from benchmarks.latency import latency_command as command
 from benchmarks.latency.budgets import Budget, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
 from benchmarks.latency.growth import estimate_orin_nano, grow, paper_terms
+from benchmarks.latency.latency_page import Footprint, Result, render
 from benchmarks.latency.measure import Slot, Timing, interleave, stolen_share
-from benchmarks.latency.page import Footprint, Result, render
 from benchmarks.latency.rows import compare, make_row, read_rows, write_rows
 from benchmarks.latency.sweeps import Sweep
 from edge_runtime.errors import ConfigError, PolicyError

@@ -8,7 +8,8 @@ import pytest
 import torch
 from scipy import stats
 
-from benchmarks.paper import command, evaluation
+from benchmarks.paper import evaluation
+from benchmarks.paper import paper_command as command
 from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend, shield
 from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
 from benchmarks.paper.contestants import FLOWS, ours

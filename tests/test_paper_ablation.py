@@ -9,23 +9,24 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.paper import ablation, evaluation
-from benchmarks.paper.ablation import all_variants, question
-from benchmarks.paper.ablation_page import ablation_table, write_ablation
+from benchmarks.paper import evaluation
+from benchmarks.paper.ablation.ablation_command import ablation_command as ablation
+from benchmarks.paper.ablation.ablation_command import all_variants, question
+from benchmarks.paper.ablation.ablation_page import ablation_table, write_ablation
+from benchmarks.paper.ablation.circumstances import MASSES_KG
+from benchmarks.paper.ablation.joint import combine_teams, jointly
+from benchmarks.paper.ablation.mixed_team import guided_by_own_mass
+from benchmarks.paper.ablation.priorities import all_preferred, all_required
+from benchmarks.paper.ablation.samples import action_costs, best_of, cheapest, mates_actions
+from benchmarks.paper.ablation.views import rows_of, uninformed
 from benchmarks.paper.candidates import candidates
-from benchmarks.paper.circumstances import MASSES_KG
 from benchmarks.paper.episodes import Setting, run_episodes
 from benchmarks.paper.evaluation import Question
-from benchmarks.paper.joint import combine_teams, jointly
 from benchmarks.paper.masses import set_masses
 from benchmarks.paper.methods import guided
-from benchmarks.paper.mixed_team import guided_by_own_mass
 from benchmarks.paper.neighbourhood import Neighbourhood
-from benchmarks.paper.priorities import all_preferred, all_required
 from benchmarks.paper.rows import Row
-from benchmarks.paper.samples import action_costs, best_of, cheapest, mates_actions
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.views import rows_of, uninformed
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.batch import action_slopes
 from edge_runtime.guidance.projection import hierarchical_batch

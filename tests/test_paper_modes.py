@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.paper import modes
 from benchmarks.paper.candidates import candidates
-from benchmarks.paper.meetings import HALF_WAY_M, MeetingJudge, Meetings, head_on, meet
 from benchmarks.paper.methods import unguided
-from benchmarks.paper.modes import SCENES, contestants, modes_table, summed_up, two_ways
-from benchmarks.paper.modes_picture import along
+from benchmarks.paper.modes.meetings import HALF_WAY_M, MeetingJudge, Meetings, head_on, meet
+from benchmarks.paper.modes.modes_command import SCENES, contestants, modes_table, summed_up, two_ways
+from benchmarks.paper.modes.modes_command import modes_command as modes
+from benchmarks.paper.modes.picture import along
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.policy.bundle import packaged_bundle
 

@@ -10,7 +10,7 @@ from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
 from benchmarks.latency.machine import Machine
 from benchmarks.latency.rows import Row
-from benchmarks.page import table
+from benchmarks.result_page import table
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):

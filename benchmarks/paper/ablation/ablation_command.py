@@ -10,18 +10,18 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper import circumstances, variants
-from benchmarks.paper.ablation_page import write_ablation
+from benchmarks.paper.ablation.ablation_command import circumstances, variants
+from benchmarks.paper.ablation.ablation_page import write_ablation
+from benchmarks.paper.ablation.variants import Variant
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.evaluation import Question, answer_all, key
 from benchmarks.paper.policies import POLICIES
 from benchmarks.paper.rows import Row, read_rows, write_rows
 from benchmarks.paper.tasks import TASKS, Task
 from benchmarks.paper.tuning import chosen, read_tuned
-from benchmarks.paper.variants import Variant
 
 FLAG = "--ablation"
-RESULTS = Path(__file__).parents[1] / "results" / "paper_ablation.json"
+RESULTS = Path(__file__).parents[2] / "results" / "paper_ablation.json"
 HELD_OUT = (1, 2)
 """Seeds of the policies; tuning uses seed 0."""
 

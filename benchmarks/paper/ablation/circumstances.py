@@ -4,10 +4,10 @@ from functools import partial
 
 import msgspec
 
+from benchmarks.paper.ablation.mixed_team import guided_by_own_mass
+from benchmarks.paper.ablation.variants import Reference, Variant
+from benchmarks.paper.ablation.views import uninformed
 from benchmarks.paper.methods import guided
-from benchmarks.paper.mixed_team import guided_by_own_mass
-from benchmarks.paper.variants import Reference, Variant
-from benchmarks.paper.views import uninformed
 
 LOSSES = (0.2, 0.5, 0.8)
 MASSES_KG = (1.0, 1.0, 2.0, 2.0)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
-from benchmarks.paper.views import rows_of
 from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, TeamBatch

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.paper.modes``: how many ways a policy knows, where two robots meet head-on."""
+"""``python -m benchmarks.paper.modes.modes_command``: how many ways a policy knows, where two robots meet head-on."""
 
 import argparse
 import sys
@@ -13,9 +13,9 @@ import torch
 
 from benchmarks.paper.contestants import FLOWS, Contestant
 from benchmarks.paper.evaluation import commit
-from benchmarks.paper.meetings import Meetings, meet
 from benchmarks.paper.methods import unguided
-from benchmarks.paper.modes_picture import Drawn, along, draw_meetings
+from benchmarks.paper.modes.meetings import Meetings, meet
+from benchmarks.paper.modes.picture import Drawn, along, draw_meetings
 from benchmarks.paper.policies import POLICIES, digest, load_policy
 from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import TASKS
@@ -25,7 +25,7 @@ from edge_runtime.motion.outlook import Floats
 from export.atomic import write_atomic
 from export.scenarios.navigation import FACTS
 
-RESULTS = Path(__file__).parents[1] / "results" / "paper_modes.json"
+RESULTS = Path(__file__).parents[2] / "results" / "paper_modes.json"
 SCENES = 8
 """Headings, evenly spread."""
 SEEDS = (1, 2)
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         rows, drawn = _measure(options)
     except EdgeError as error:
-        print(f"benchmarks.paper.modes: {error}", file=sys.stderr)
+        print(f"benchmarks.paper.modes.modes_command: {error}", file=sys.stderr)
         return 2
     write_atomic(options.json, msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
     draw_meetings(drawn, options.json.parent / "paper" / "modes.png")
@@ -155,7 +155,9 @@ def _percent(flags: np.ndarray) -> float:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.modes", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.paper.modes.modes_command", description=__doc__
+    )
     parser.add_argument("--samples", type=int, default=50, metavar="N", help="episodes of a scene (50)")
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the policies (1 2)")
     parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")

@@ -24,7 +24,7 @@ from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.mavlink_firmware import MavlinkFirmware
 from benchmarks.faults.rows import Row, draw, measured, read_rows, render, table, timed
 from benchmarks.faults.trials import FAULTS, Fault, run_trial, undisturbed
-from benchmarks.page import add_html_flag, check_writable, write_html
+from benchmarks.result_page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 COMMANDS_A_TRIAL = 5000

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
-from benchmarks.paper.views import rows_of
 from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.paper.ablation.variants import Variant
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import summarise
 from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import TASKS, Metric
-from benchmarks.paper.variants import Variant
 
 Answered = Sequence[tuple[Variant, Sequence[Row]]]
 """Variants with the rows found, the reference first."""

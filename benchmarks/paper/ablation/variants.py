@@ -6,11 +6,11 @@ from functools import partial
 
 import msgspec
 
+from benchmarks.paper.ablation.joint import jointly
+from benchmarks.paper.ablation.priorities import all_preferred, all_required
+from benchmarks.paper.ablation.samples import best_of
 from benchmarks.paper.contestants import Contestant
-from benchmarks.paper.joint import jointly
 from benchmarks.paper.methods import guided, post_processed
-from benchmarks.paper.priorities import all_preferred, all_required
-from benchmarks.paper.samples import best_of
 from benchmarks.paper.tasks import Task
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import Objective

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper import ablation
+from benchmarks.paper.ablation.ablation_command import ablation_command as ablation
 from benchmarks.paper.candidates import METHODS, PROJECTIONS, UNGUIDED, scaled
 from benchmarks.paper.evaluation import Question, answer_all, key
-from benchmarks.paper.page import write_page
+from benchmarks.paper.paper_page import write_page
 from benchmarks.paper.policies import POLICIES, SEEDS
 from benchmarks.paper.rows import Row, read_rows, write_rows
 from benchmarks.paper.tasks import TASKS

@@ -4,7 +4,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.latency import footprint, limit, machine, paced, page
+from benchmarks.latency import footprint, limit, machine, paced
+from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
@@ -13,7 +14,7 @@ from benchmarks.latency.measure import Timing, interleave
 from benchmarks.latency.rows import Row, compare, make_rows, read_rows, write_rows
 from benchmarks.latency.sweeps import CONTENDERS as SWEPT
 from benchmarks.latency.sweeps import SWEEPS
-from benchmarks.page import add_html_flag, check_writable, write_html
+from benchmarks.result_page import add_html_flag, check_writable, write_html
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.compiled_policy import load_kernel
 

@@ -1,0 +1,1 @@
+"""Which ways round each other a policy knows."""
