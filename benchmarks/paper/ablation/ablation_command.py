@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper.ablation.ablation_command import circumstances, variants
+from benchmarks.paper.ablation import circumstances, variants
 from benchmarks.paper.ablation.ablation_page import write_ablation
 from benchmarks.paper.ablation.variants import Variant
 from benchmarks.paper.contestants import Contestant
