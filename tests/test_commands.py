@@ -5,13 +5,13 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 from edge_runtime.completion.completion import MODULES, script
 
-PYPROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text()
+PYPROJECT = (ROOT / "pyproject.toml").read_text()
 SCRIPTS = dict(re.findall(r'^(edge-\w+) = "(.+):main"$', PYPROJECT, re.MULTILINE))
 WORKSTATION = ("export.edge_train", "export.edge_export")
 if importlib.util.find_spec("torch") is None:

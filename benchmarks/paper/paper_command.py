@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper.ablation.ablation_command import ablation_command as ablation
+from benchmarks.paper.ablation import ablation_command as ablation
 from benchmarks.paper.candidates import METHODS, PROJECTIONS, UNGUIDED, scaled
 from benchmarks.paper.evaluation import Question, answer_all, key
 from benchmarks.paper.paper_page import write_page

@@ -1,8 +1,8 @@
 """The process that writes a run's log, so that no disk and no collector ever holds up the loop.
 
-``python -m edge_runtime.recording.logger_process FD PLAN RING`` is started by `edge_runtime.recording.recorder`. Twice a second it
-empties the ring and ends a chunk, rather than wake for every tick, and it goes on until the socket closes:
-the log of a loop that was killed is complete.
+``python -m edge_runtime.recording.logger_process FD PLAN RING`` is started by
+`edge_runtime.recording.recorder`. Twice a second it empties the ring and ends a chunk, rather than wake
+for every tick, and it goes on until the socket closes: the log of a loop that was killed is complete.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Where an operator's packets are read, obeyed and answered; see `edge_runtime.team.orders` for what they mean."""
+"""Where an operator's packets are read, obeyed and answered; `orders` says what they mean."""
 
 from typing import Final
 

@@ -1,12 +1,13 @@
 """MAFPO from a warm start: a Gaussian policy first, then its flow.
 
-A flow learns a hard task more slowly than a Gaussian policy (`export.algorithms.mappo`), and what it learns answers
-more stiffly to being pushed about. Here the flow begins as that policy: for actions N(mu(o), s^2 I) the
-optimal transport path has the velocity
+A flow learns a hard task more slowly than a Gaussian policy (`export.algorithms.mappo`), and what it
+learns answers more stiffly to being pushed about. Here the flow begins as that policy: for actions
+N(mu(o), s^2 I) the optimal transport path has the velocity
 
     v(a, tau | o) = k(tau) a + (1 - tau k(tau)) mu(o),
 
-k being the prior field's gain of `export.algorithms.networks` with s its deviation. The flow is regressed on it where
+k being the prior field's gain of `export.algorithms.networks` with s its deviation. The flow is regressed on
+it where
 the Gaussian policy drives, and goes on learning by itself as `mafpo-chain` does, with that policy's critic.
 """
 

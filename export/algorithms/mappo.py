@@ -1,7 +1,8 @@
 """Multi-agent proximal policy optimisation (MAPPO, Yu et al. 2022): the paper's baseline policy.
 
 All robots share one Gaussian actor that sees its own observation only; the advantages come from a
-centralised critic (``export.training.trainer``). ``export.algorithms.gaussian`` says how its mean is deployed.
+centralised critic (``export.training.trainer``). ``export.algorithms.gaussian`` says how its mean is
+deployed.
 """
 
 from dataclasses import dataclass

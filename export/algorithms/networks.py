@@ -36,7 +36,7 @@ class Actor(nn.Module):
 
 
 class FlowNetwork(Actor):
-    """Velocity field v(a, tau | o) as stated in ``edge_runtime.policy.weights``; observations are normalised here.
+    """Velocity field v(a, tau | o), see ``edge_runtime.policy.weights``; observations are normalised here.
 
     The first layer is a sum of an observation, an action and a time part, so that one observation's part
     serves any number of noise samples and flow times.

@@ -1,9 +1,10 @@
 """The guard process: owns the bus, forwards only fresh commands, stops the robot when they end.
 
-``python -m firmware_bridge.guard.process FD SPEC``: FD is its end of a SOCK_SEQPACKET pair whose other end the
-runtime holds, SPEC a GuardSpec in JSON. One thread, one loop: wait for the runtime, the bus, a signal or
-the next deadline; act; report. It ends when the socket closes or on SIGTERM, SIGINT or SIGHUP, after the
-stop sequence; kill -9 leaves the robot to the firmware's own timeout, which was checked at the start.
+``python -m firmware_bridge.guard.process FD SPEC``: FD is its end of a SOCK_SEQPACKET pair whose other
+end the runtime holds, SPEC a GuardSpec in JSON. One thread, one loop: wait for the runtime, the bus, a
+signal or the next deadline; act; report. It ends when the socket closes or on SIGTERM, SIGINT or SIGHUP,
+after the stop sequence; kill -9 leaves the robot to the firmware's own timeout, which was checked at the
+start.
 """
 
 import contextlib

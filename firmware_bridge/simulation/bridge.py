@@ -15,7 +15,7 @@ REST: Vector2 = (0.0, 0.0)
 
 
 class SimBridge:
-    """One robot's link to a simulated team; also tells of its teammates (`edge_runtime.team.membership.FleetLink`).
+    """One robot's link to a simulated team; also its `edge_runtime.team.membership.FleetLink`.
 
     Every read after the first one lets the whole team move for one period. The other robots decide on the
     states that this robot saw; a command moves this robot for one period only, and without one it coasts.

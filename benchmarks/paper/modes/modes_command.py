@@ -1,4 +1,4 @@
-"""``python -m benchmarks.paper.modes.modes_command``: how many ways a policy knows, where two robots meet head-on."""
+"""``python -m benchmarks.paper.modes.modes_command``: how many ways round each other a policy knows."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.firmware.world_process SPEC``: the plant and every robot's firmware, one process.
+"""``python -m firmware_bridge.sil.firmware.world_process SPEC``: plant and all firmware in one process.
 
 One process for all firmware nodes, because two cores hold them so with less disturbance than N more processes
 would make; each has its own bus or port, its own state and its own timeout. Everything is paced on one grid

@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.measurement.wake_probe FILE DURATION [realtime]``: how late a sleeping process wakes here.
+"""How late a sleeping process wakes here: ``python -m ...wake_probe FILE DURATION [realtime]``.
 
 Sleeps on a grid like a control loop and does nothing else, with the same scheduling as the robots, once the
 harness tells when the run begins; on SIGTERM it writes what it saw.

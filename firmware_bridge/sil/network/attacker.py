@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.network.attacker SPEC``: a peer without the key, which talks to every robot.
+"""``python -m firmware_bridge.sil.network.attacker SPEC``: a peer without the key talks to every robot.
 
 It knows the layout of the frames and makes good ones, under a key of its own; it sends them as they are, cut,
 altered, as noise, and again and again. What it sends goes to the robots' own ports.

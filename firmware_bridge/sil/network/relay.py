@@ -1,4 +1,4 @@
-"""``python -m firmware_bridge.sil.network.relay SPEC``: a network with faults, between the robots' own sockets.
+"""``python -m firmware_bridge.sil.network.relay SPEC``: a network with faults between the robots' sockets.
 
 Each robot has a port here; the others' fleet files name it instead of the robot's own. What arrives goes on
 to the robot, unless the timeline's faults lose, repeat, hold back or change it. On Zenoh each pair of robots

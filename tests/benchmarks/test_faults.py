@@ -1,0 +1,116 @@
+"""``python -m benchmarks faults`` measures what it says: it sees faults, and would see what gets through."""
+
+import math
+from functools import partial
+
+import msgspec
+import numpy as np
+import pytest
+
+from benchmarks.again import replaced
+from benchmarks.faults.bad_commands import bad_numbers, count_passed
+from benchmarks.faults.can_firmware import CanFirmware
+from benchmarks.faults.drive import DisturbedError
+from benchmarks.faults.forged_frames import count_accepted
+from benchmarks.faults.latency import bus_latencies, guard_latencies
+from benchmarks.faults.mavlink_firmware import MavlinkFirmware
+from benchmarks.faults.rows import Row, measured, table, timed
+from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
+from edge_runtime.errors import BridgeError
+from firmware_bridge.guard import core as guard_core
+from firmware_bridge.guard.link import Limits
+from firmware_bridge.mavlink.signing import Signing, Verdict
+
+FIRMWARES = pytest.mark.parametrize("firmware", [CanFirmware, MavlinkFirmware])
+
+
+def nothing(_count):
+    pass
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.name}, {fault.firmware.name}")
+def test_every_fault_ends_in_a_stop(fault):
+    seconds, _ = undisturbed(partial(run_trial, fault))
+    assert seconds > 0.0
+
+
+def test_a_trial_is_repeated_only_if_the_machine_disturbed_it():
+    outcomes = iter([DisturbedError("busy"), DisturbedError("busy"), 0.5, BridgeError("never stopped")])
+
+    def trial():
+        outcome = next(outcomes)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    assert undisturbed(trial) == (0.5, 2)
+    with pytest.raises(BridgeError, match="never stopped"):
+        undisturbed(trial)
+
+
+@FIRMWARES
+def test_the_bus_alone_delivers_every_frame(firmware):
+    delays = bus_latencies(firmware, 20)
+    assert len(delays) == 20
+    assert min(delays) > 0.0
+
+
+def test_only_what_was_measured_again_is_replaced():
+    old = [Row("a", "can", 1), Row("a", "mavlink", 1), Row("b", "can", 1)]
+    newer = [Row("c", "can", 2), Row("a", "mavlink", 2)]
+    assert replaced(old, newer, measured) == [old[0], newer[1], old[2], newer[0]]
+
+
+@FIRMWARES
+def test_latencies_are_those_of_the_commands_that_arrived(firmware):
+    delays, _ = undisturbed(partial(guard_latencies, firmware, 60))
+    assert 5 <= len(delays) <= 60
+    assert min(delays) > 0.0
+
+
+@FIRMWARES
+def test_bad_commands_are_counted_if_they_pass(firmware, monkeypatch):
+    with firmware() as robot:
+        assert count_passed(robot, 200, nothing) == 0
+    monkeypatch.setattr(
+        guard_core, "limit_fault", lambda s, _: "" if all(map(math.isfinite, s.velocity_m_s)) else "bad"
+    )
+    with firmware() as robot:
+        assert count_passed(robot, 200, nothing) > 0
+
+
+def test_every_bad_command_is_bad():
+    limits = Limits(1.5, 2.0)
+    commands = bad_numbers(np.random.default_rng(1), 3000, limits)
+    for a_x, a_y, v_x, v_y in commands:
+        good = abs(a_x) <= 2.0 and abs(a_y) <= 2.0 and v_x * v_x + v_y * v_y <= 1.5**2
+        assert not good
+    slightly = [c for c in commands if all(map(math.isfinite, c)) and max(map(abs, c)) < 4.0]
+    assert len(slightly) > 50
+
+
+def test_forged_frames_are_counted_if_they_pass(monkeypatch):
+    assert count_accepted(120, nothing) == 0
+    monkeypatch.setattr(Signing, "verify", lambda *_: Verdict.ACCEPTED)
+    assert count_accepted(120, nothing) > 30
+
+
+def test_rows_hold_percentiles_in_milliseconds():
+    row = timed("fault", "can", [0.001 * n for n in range(1, 102)])
+    assert msgspec.structs.asdict(row) == pytest.approx(
+        {
+            "fault": "fault",
+            "bridge": "can",
+            "trials": 101,
+            "p50_ms": 51.0,
+            "p95_ms": 96.0,
+            "max_ms": 101.0,
+            "passed": None,
+            "repeated": 0,
+        }
+    )
+    lines = table([row, Row("forged", "mavlink", 100_000, passed=0)]).splitlines()
+    assert lines[2:] == [
+        "| fault | can | 101 | 51.0 | 96.0 | 101 |  |",
+        "| forged | mavlink | 100,000 |  |  |  | 0 |",
+    ]

@@ -1,0 +1,107 @@
+"""What the documentation shows works as it stands: its commands, its files, its links, its service."""
+
+import argparse
+import importlib
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from doc_pages import PAGES, PROGRAMS, ROOT, blocks, commands, program
+
+from edge_runtime.config.fleet import load_fleet, load_steering
+from edge_runtime.objectives import BUILT_IN
+from edge_runtime.objectives.gradient_check import check_gradient
+
+
+class UnderstoodError(Exception):
+    """A command line was understood; its program need not go on."""
+
+
+OWN = {
+    f"{page.name}: {' '.join(words)}": found
+    for page in PAGES
+    for words, _ in commands(page)
+    if (found := program(words))
+}
+
+
+@pytest.mark.parametrize("line", OWN)
+def test_every_command_is_understood_by_its_program(line, monkeypatch):
+    module, arguments = OWN[line]
+    if module.startswith(("export", "benchmarks")):
+        pytest.importorskip("torch", reason="a robot's environment has no workstation's programs")
+        pytest.importorskip("onnx", reason="a robot's environment has no workstation's programs")
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_and_leave(parser, given=None, namespace=None):
+        parse(parser, given, namespace)
+        raise UnderstoodError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_and_leave)
+    monkeypatch.setattr(sys, "argv", ["", *arguments])
+    main = importlib.import_module(module).main
+    with pytest.raises(UnderstoodError):
+        main(arguments) if main.__code__.co_argcount else main()
+
+
+def test_the_pages_show_commands_of_every_program():
+    assert set(PROGRAMS.values()) <= {module for module, _ in OWN.values()}
+
+
+@pytest.mark.parametrize(("page", "robots"), [("team.md", [0, 1]), ("first-robot-can.md", [0])])
+def test_the_fleet_file_loads(page, robots, tmp_path):
+    text = blocks(ROOT / "docs" / page, "toml")[0]
+    (tmp_path / "team.toml").write_text(text)
+    fleet = load_fleet(tmp_path / "team.toml")
+    assert [robot.id for robot in fleet.robots] == robots
+
+
+OBJECTIVES = [("speed_limit", "safety_margin"), ("spatial_order", "passing")]
+
+
+def test_the_objectives_files_load_and_the_own_objective_passes_its_check(tmp_path, capsys):
+    page = ROOT / "docs" / "objective.md"
+    for text, names in zip(blocks(page, "toml"), OBJECTIVES, strict=True):
+        (tmp_path / "mine.toml").write_text(text)
+        assert tuple(o.name for o in load_steering(tmp_path / "mine.toml").objectives) == names
+    names = {"__name__": "stay_north", "check_gradient": check_gradient}
+    for code in blocks(page, "python"):
+        exec(compile(code, "objective.md", "exec"), names)  # noqa: S102
+    assert "worst_error" in capsys.readouterr().out
+
+
+def test_the_page_lists_every_built_in_objective_with_its_keys_and_which_are_preferences():
+    table = (ROOT / "docs" / "objective.md").read_text()
+    for kind in BUILT_IN:
+        (row,) = re.findall(rf"^\| `{kind.__struct_config__.tag}` \| (.*) \| (.*) \|$", table, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", row[1])) == set(kind.__struct_fields__) - {"weight", "look_ahead"}
+        assert row[0].endswith("(a preference)") == kind.preference
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    line = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "index.html").exists()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
+def test_the_service_is_one_that_systemd_takes(tmp_path):
+    unit = ROOT / "edge_runtime" / "systemd" / "edge-run@.service"
+    edge_run = Path(sys.executable).with_name("edge-run")
+    text = unit.read_text().replace("/opt/cfpg-edge/bin/edge-run", str(edge_run))
+    copy = tmp_path / unit.name
+    copy.write_text(text)
+    line = ["systemd-analyze", "verify", str(copy)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr.strip(), done.stderr
+
+
+def test_the_service_neither_arms_nor_restarts_by_itself():
+    text = (ROOT / "edge_runtime" / "systemd" / "edge-run@.service").read_text()
+    assert "--arm" not in text
+    assert "Restart=no" in text

@@ -1,0 +1,150 @@
+"""edge-doctor takes the command line of edge-run, touches nothing and tells by its exit code."""
+
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+from bundles import write_straight_bundle
+from can_peers import Chassis, multicast_address
+
+from edge_runtime.doctor import edge_doctor as doctor
+from edge_runtime.doctor.finding import fail, ok, warn
+from edge_runtime.run.edge_run import BRIDGES
+
+ALONE = "[[robots]]\nid = 0\nstart_m = [0.0, 0.0]\ngoal_m = [3.0, 1.0]\n"
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """Flags for a robot without a team."""
+    (tmp_path / "alone.toml").write_text(ALONE)
+    return ["--robot-id", "0", "--rate", "50", "--fleet", str(tmp_path / "alone.toml")]
+
+
+@pytest.fixture
+def bundle(tmp_path):
+    return write_straight_bundle(tmp_path / "straight")
+
+
+def verdicts(text):
+    """The first word of each finding by the name of its check."""
+    return {row[6:23].strip(): row[:5].strip() for row in text.splitlines()[:-1]}
+
+
+def test_a_simulated_robot_has_nothing_that_fails(capsys):
+    pytest.importorskip("onnxruntime")
+    assert doctor.main(["--robot-id", "0"]) == 0
+    found = verdicts(capsys.readouterr().out)
+    assert list(found) == ["versions", "real time", "clock", "disk", "bundle", "parity", "backend", "team"]
+    assert "fail" not in found.values()
+
+
+def test_a_chassis_is_looked_at_and_not_touched(alone, capsys, tmp_path):
+    address, report = multicast_address(), tmp_path / "run.json"
+    link = ["--bridge", "can", "--bus", address, "--profile", "agilex_v2", "--arm"]
+    with Chassis(address) as chassis:
+        code = doctor.main([*alone, *link, "--guard-deadline", "0.5", "--json", str(report)])
+    found = verdicts(capsys.readouterr().out)
+    assert list(found)[-4:] == ["team", "CAN interface", "feedback", "firmware timeout"]
+    assert set(list(found.values())[-4:]) == {"ok"}
+    assert code == int("fail" in found.values())
+    assert chassis.frames == []
+    assert not report.exists()
+
+
+def test_what_fails_is_a_line_and_exit_code_1(alone, capsys):
+    link = ["--bridge", "can", "--bus", "no-such-interface0", "--profile", "agilex_v2"]
+    assert doctor.main([*alone, *link]) == 1
+    output = capsys.readouterr()
+    found = verdicts(output.out)
+    assert (found["CAN interface"], found["firmware timeout"], found["feedback"]) == ("fail", "ok", "fail")
+    assert output.err == ""
+    assert output.out.splitlines()[-1].startswith(f"{len(found)} checks: 2 failed")
+
+
+def test_a_damaged_bundle_is_a_finding_beside_others(alone, bundle, capsys):
+    (bundle / "policy.npz").write_bytes(b"damaged")
+    assert doctor.main([*alone, "--policy", str(bundle)]) == 1
+    output = capsys.readouterr().out
+    assert verdicts(output)["bundle"] == "fail"
+    assert "does not match its digest" in output
+    assert "clock" in verdicts(output)
+
+
+def test_a_directory_that_takes_no_report_fails(alone, capsys, tmp_path):
+    assert doctor.main([*alone, "--json", str(tmp_path / "none" / "run.json")]) == 1
+    assert verdicts(capsys.readouterr().out)["disk"] == "fail"
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--robot-id", "9"], "none has id 9"),
+        (["--robot-id", "0", "--fleet", "nowhere.toml"], "nowhere.toml"),
+        (["--robot-id", "0", "--bridge", "spi"], "invalid choice: 'spi'"),
+        (["--robot-id", "0", "--frobnicate"], "--frobnicate"),
+        (["--robot-id", "0", "--bridge", "can", "--profile", "agilex_v2"], "--bus"),
+        (
+            ["--robot-id", "0", "--rate", "50", "--bridge", "can", "--bus", "can0", "--profile", "tank"],
+            "no such profile",
+        ),
+        (
+            ["--robot-id", "0", "--bridge", "mavlink", "--mavlink", "udp", "--mavlink-autopilot", "px4"],
+            "--mavlink 'udp'",
+        ),
+    ],
+)
+def test_bad_flags_are_one_line_and_exit_code_2(capsys, flags, said):
+    assert doctor.main(flags) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("edge-doctor: ")
+    assert output.err.count("\n") == 1
+    assert said in output.err
+
+
+@pytest.mark.parametrize("bridge", BRIDGES)
+def test_the_help_is_that_of_edge_run_under_its_own_name(bridge, capsys):
+    with pytest.raises(SystemExit) as left:
+        doctor.main(["--bridge", bridge, "--help"])
+    assert left.value.code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("usage: edge-doctor ")
+    assert "--no-guidance" in shown
+
+
+def test_findings_are_counted(capsys):
+    assert not doctor.show([ok("a"), warn("b", "c"), fail("d"), fail("e")], colour=False)
+    assert capsys.readouterr().out.splitlines()[-1] == "4 checks: 2 failed, 1 warned"
+    assert doctor.show([ok("a"), warn("b", "c")], colour=False)
+
+
+@pytest.mark.parametrize(("no_color", "coloured"), [("", True), ("1", False)])
+def test_only_terminals_that_want_it_see_colour(no_color, coloured):
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "edge_runtime.doctor", "--robot-id", "0"]
+    subprocess.run(command, stdout=theirs, env={**os.environ, "NO_COLOR": no_color}, check=False)
+    os.close(theirs)
+    shown = os.read(ours, 65536)
+    os.close(ours)
+    assert (b"\x1b[" in shown) == coloured
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "edge_runtime.doctor", "--robot-id", "0"]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_an_interrupted_visit_is_not_a_clean_bill(monkeypatch, capsys):
+    def interrupt(*_findings, **_colour):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(doctor, "show", interrupt)
+    assert doctor.main(["--robot-id", "0"]) == 1
+    assert "not everything was checked" in capsys.readouterr().err

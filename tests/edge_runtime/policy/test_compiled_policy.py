@@ -1,0 +1,284 @@
+"""The compiled kernel beside numpy, and what happens where it cannot be used."""
+
+import math
+import shutil
+import time
+from typing import get_args
+
+import numpy as np
+import pytest
+from guidance_cases import DYNAMICS, random_team
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from networks import ENGINES, needs_kernel, random_weights
+
+from edge_runtime.errors import PolicyError
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.projection import PLANAR
+from edge_runtime.guidance.settings import GuidanceSettings, Guide, Mode
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.policy import backend
+from edge_runtime.policy import compiled_policy as kernel
+from edge_runtime.policy.backend import make_policy
+from edge_runtime.policy.compiled_policy import PROJECTIONS, CompiledPolicy
+from edge_runtime.policy.numpy_policy import FlowPolicy
+
+
+@pytest.fixture(autouse=True)
+def warn_again():
+    backend._warn.cache_clear()
+
+
+def in_python(guide):
+    """The same guide, kept from the kernel's loop."""
+    guide.native = False
+    return guide
+
+
+number = st.floats(0.05, 2.0)
+ahead = st.integers(1, 6)
+speed_limits = st.builds(SpeedLimit, limit_m_s=number, weight=number, look_ahead=ahead)
+margins = st.builds(SafetyMargin, distance_m=number, weight=number, look_ahead=ahead)
+built_in = st.lists(st.one_of(speed_limits, margins), max_size=6)
+modes = st.builds(GuidanceSettings, mode=st.sampled_from(get_args(Mode)), scale=st.floats(0.01, 1.0))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    guidance=modes,
+    objectives=built_in,
+    mates=st.integers(0, 8),
+    steps=st.integers(1, 12),
+    seed=st.integers(0, 999),
+)
+def test_the_flow_in_the_kernel_is_the_flow_in_python(
+    make_compiled, guidance, objectives, mates, steps, seed
+):
+    draw = np.random.default_rng(seed)
+    policy = make_compiled(random_weights(seed=seed), euler_steps=steps)
+    observation = draw.standard_normal((1, 18)).astype(np.float32)
+    team, start = random_team(draw, mates), tuple(draw.standard_normal(2).tolist())
+    guide = Guide(guidance, objectives, DYNAMICS)
+    compiled = guided_action(policy, observation, team, guide, start)
+    python = guided_action(policy, observation, team, in_python(guide), start)
+    np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(compiled.costs, python.costs, rtol=1e-5, atol=1e-6)
+    assert (compiled.steps, compiled.fault) == (python.steps, "") == (steps, "")
+    assert (compiled.conflicts, compiled.opposed) == (python.conflicts, python.opposed)
+    np.testing.assert_allclose(compiled.correction, python.correction, rtol=1e-5, atol=1e-6)
+
+
+# Projecting onto v multiplies rounding by |guidance| / |v|, without bound where the flow comes to rest.
+@pytest.mark.parametrize(
+    ("mode", "tolerance"), [("none", 1e-6), ("cone", 1e-6), ("hierarchical", 1e-4), ("terminal", 1e-4)]
+)
+def test_an_action_equals_numpys(make_compiled, mode, tolerance):
+    weights = random_weights(hidden=(256, 256, 256), observation_dim=32)
+    guide = Guide(
+        GuidanceSettings(mode=mode, scale=1.0),
+        [SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.5)],
+        DYNAMICS,
+    )
+    numpy, compiled = FlowPolicy(weights, 10), make_compiled(weights, 10)
+    for seed in range(5):
+        draw = np.random.default_rng(seed)
+        observation, team = draw.standard_normal((1, 32)).astype(np.float32), random_team(draw)
+        expected = guided_action(numpy, observation, team, guide)
+        found = guided_action(compiled, observation, team, guide)
+        np.testing.assert_allclose(found.action, expected.action, rtol=tolerance, atol=tolerance)
+
+
+def test_projections_are_numbered_as_they_are_named():
+    assert set(PROJECTIONS) == set(PLANAR)
+
+
+def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
+    weights = random_weights()
+    guide = Guide(GuidanceSettings(mode="none", scale=1.0), [SafetyMargin(distance_m=0.3)], DYNAMICS)
+    policy, observation = make_compiled(weights, 1), np.zeros((1, 18), np.float32)
+    policy.observe(observation)
+    (velocity,), _, _ = policy.step(0, ((0.0, 0.0),)).copy()
+    preview = guide.previews[0]
+    # One step from rest at the terminal estimate: place the neighbour exactly there.
+    there = tuple((preview.position_gain * velocity.astype(float)).tolist())
+    for own, mate in [(0, 1), (1, 0)]:
+        team = TeamState(
+            RobotState(own, 0.0, (0.0, 0.0), (0.0, 0.0)),
+            (Teammate(RobotState(mate, 0.0, there, (0.0, 0.0))),),
+        )
+        compiled = guided_action(policy, observation, team, guide)
+        python = guided_action(
+            policy,
+            observation,
+            team,
+            in_python(Guide(GuidanceSettings(mode="none", scale=1.0), guide.objectives, DYNAMICS)),
+        )
+        assert math.isfinite(compiled.action[0])
+        assert compiled.costs[0] > 0.0
+        np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6)
+
+
+def test_a_late_tick_returns_the_newest_estimate(make_compiled):
+    policy = make_compiled(random_weights(), 10)
+    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2)], DYNAMICS)
+    team, observation = random_team(np.random.default_rng(0)), np.zeros((1, 18), np.float32)
+    late = guided_action(policy, observation, team, guide, deadline_s=0.0)
+    python = guided_action(policy, observation, team, in_python(guide), deadline_s=0.0)
+    assert late.steps == python.steps == 1
+    np.testing.assert_allclose(late.action, python.action, rtol=1e-6)
+    in_time = guided_action(policy, observation, team, guide, deadline_s=time.monotonic() + 60.0)
+    assert in_time.steps == 10
+
+
+@pytest.mark.parametrize("steps", [1, 3, 9, 10])
+def test_a_sample_can_be_cut_after_any_step(make_backend, steps):
+    """A tick that its deadline cut short is repeated by the number of its steps."""
+    policy, guide = make_backend(random_weights(), 10), Guide(GuidanceSettings(mode="none"), [], DYNAMICS)
+    observation, team = np.ones((1, 18), np.float32), random_team(np.random.default_rng(0))
+    found = guided_action(policy, observation, team, guide, (0.3, -0.2), most_steps=steps)
+    policy.observe(observation)
+    action = np.array([0.3, -0.2])
+    for k in range(steps):
+        velocity = policy.step(k, action[None]).astype(float)[0, 0]
+        action = action + velocity * (1.0 - k / 10 if k + 1 == steps else 0.1)
+    assert (found.steps, found.cut) == (steps, steps < 10)
+    np.testing.assert_allclose(found.action, action, rtol=1e-6)
+
+
+def test_a_gradient_that_is_not_finite_is_named(make_compiled):
+    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.3)], DYNAMICS)
+    policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (math.inf, 0.0)))
+    found = guided_action(policy, observation, team, guide)
+    assert found == guided_action(policy, observation, team, in_python(guide))
+    assert "speed_limit is not finite" in found.fault
+
+
+def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
+    class Slower(SpeedLimit, frozen=True, kw_only=True, tag="slower"):
+        def evaluate(self, motion, outlook):
+            return super().evaluate(motion, outlook)
+
+    guide = Guide(GuidanceSettings(), [Slower(limit_m_s=0.2)], DYNAMICS)
+    built_in = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2)], DYNAMICS)
+    assert (guide.native, built_in.native) == (False, True)
+    policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
+    team = random_team(np.random.default_rng(0))
+    own = guided_action(policy, observation, team, guide)
+    np.testing.assert_allclose(
+        own.action, guided_action(policy, observation, team, built_in).action, rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "problem"),
+    [
+        (lambda net: net.step(3), IndexError),
+        (lambda net: net.step(-1), IndexError),
+        (lambda net: net.step(2**70), OverflowError),
+        (lambda net: net.step("0"), TypeError),
+        (lambda net: net.observe(np.zeros((1, 18))), ValueError),
+        (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
+        (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
+        (lambda net: net.sample(0, 1, np.zeros(7), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [9.0]), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [-1.0]), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 33, np.zeros(33 * 8), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(9, 0, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
+    ],
+)
+def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, problem):
+    with pytest.raises((problem, BufferError)):
+        call(make_compiled(random_weights(), 3)._network)
+
+
+@pytest.mark.parametrize(
+    ("part", "replacement"),
+    [
+        (5, np.zeros((1, 3), "f")),
+        (5, np.zeros((1, 2))),
+        (6, np.zeros((1, 3, 3), "f")),
+        (6, np.frombuffer(bytes(24), "f").reshape(1, 3, 2)),
+        (3, (32, 24, 24)),
+        (3, (32, 25)),
+        (3, ("32", 24)),
+        (4, ()),
+    ],
+)
+def test_the_extension_takes_no_array_of_another_size(make_compiled, monkeypatch, part, replacement):
+    module = kernel.load_kernel()
+
+    class Changed:
+        engines = module.engines
+
+        @staticmethod
+        def Network(*arguments):  # noqa: N802
+            return module.Network(*arguments[:part], replacement, *arguments[part + 1 :])
+
+    monkeypatch.setattr(kernel, "load_kernel", lambda: Changed)
+    with pytest.raises((PolicyError, TypeError, BufferError)):
+        make_compiled(random_weights(), 3)
+
+
+def test_a_network_too_deep_for_the_kernel_is_refused_and_numpy_takes_over(make_compiled, capsys):
+    weights = random_weights(hidden=(4,) * 17)
+    with pytest.raises(PolicyError, match="1 to 16 hidden layers, got 17"):
+        make_compiled(weights, 2)
+    assert make_policy(weights, 2).backend == "numpy"
+    assert "17; continuing with the numpy backend" in capsys.readouterr().err
+
+
+@needs_kernel
+def test_an_engine_that_the_processor_lacks_is_refused():
+    with pytest.raises(PolicyError, match="no engine sse9"):
+        CompiledPolicy(random_weights(), 2, engine="sse9")
+
+
+@needs_kernel
+def test_a_kernel_that_disagrees_is_refused_with_one_warning(monkeypatch, capsys):
+    honest = CompiledPolicy.step
+    monkeypatch.setattr(CompiledPolicy, "step", lambda self, k, action: honest(self, k, action) * 1.001)
+    assert [make_policy(random_weights(), 2).backend for _ in range(3)] == ["numpy"] * 3
+    warning = capsys.readouterr().err
+    assert warning.count("\n") == 1
+    assert "differs from numpy" in warning
+    with pytest.raises(PolicyError, match="differs from numpy"):
+        make_policy(random_weights(), 2, backend="compiled")
+
+
+@needs_kernel
+def test_a_kernel_that_returns_nan_is_refused(monkeypatch):
+    monkeypatch.setattr(CompiledPolicy, "step", lambda self, _k, _a: np.full((3, self.batch, 2), np.nan))
+    with pytest.raises(PolicyError, match="differs from numpy"):
+        make_policy(random_weights(), 2, backend="compiled")
+
+
+def test_a_kernel_that_was_not_built_is_refused_with_one_warning(monkeypatch, capsys):
+    def missing(name):
+        raise ImportError(f"No module named '{name}'")
+
+    monkeypatch.setattr(kernel.importlib, "import_module", missing)
+    assert [make_policy(random_weights(), 2).backend for _ in range(2)] == ["numpy"] * 2
+    warning = capsys.readouterr().err
+    assert warning.count("\n") == 1
+    assert "install a C compiler" in warning
+    with pytest.raises(PolicyError, match="install a C compiler"):
+        make_policy(random_weights(), 2, backend="compiled")
+
+
+def test_an_unknown_backend_is_refused_with_the_known_ones():
+    with pytest.raises(PolicyError, match="'cuda' is not one of auto, numpy, compiled"):
+        make_policy(random_weights(), 2, backend="cuda")
+
+
+@needs_kernel
+def test_auto_takes_the_kernel_where_it_works():
+    assert make_policy(random_weights(), 2).backend == "compiled"
+    assert make_policy(random_weights(), 2, backend="numpy").backend == "numpy"
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_kernel_is_built_where_a_compiler_is():
+    assert ENGINES

@@ -1,0 +1,135 @@
+"""Teams as the fleet file describes them: what opens, what is refused, and processes on the loopback."""
+
+import hashlib
+import random
+import socket
+from contextlib import ExitStack
+
+import pytest
+from fleet_processes import UNREACHABLE, Process, hostile, mission, robot
+
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.errors import ConfigError
+from edge_runtime.messages import Command, RobotState, Teammate
+from edge_runtime.team.membership import open_fleet
+
+OWN = RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_fleet(robots, carrier=""):
+        (tmp_path / "team.key").write_bytes(hashlib.sha256(b"a key for tests").digest())
+        (tmp_path / "team.key").chmod(0o600)
+        path = tmp_path / "fleet.toml"
+        path.write_text(f'[carrier]\nkey = "team.key"\n{carrier}\n' + "".join(robots))
+        return path
+
+    return write_fleet
+
+
+class Simulated:
+    def teammates(self):
+        return (Teammate(RobotState(1, 0.0, (1.0, 0.0), (0.0, 0.0))),)
+
+
+def test_without_a_carrier_the_team_is_the_local_one():
+    with open_fleet(mission(DEFAULT_FLEET), Simulated()) as link:
+        link.share(OWN, Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
+        view = link.team(link.locate(OWN))
+        assert (view.own, view.teammates, view.fault) == (OWN, Simulated().teammates(), "")
+        assert link.report() is None
+
+
+def test_the_rules_come_from_the_fleet_file(write):
+    robots = [robot(0), robot(1, "neighbours = [2]"), robot(2)]
+    path = write(robots, "nearest = 2\nalone_s = 4\nmissing_s = 5")
+    expected = {0: ((1, 2), 2), 1: ((2,), 1), 2: ((0, 1), 2)}
+    for robot_id, (neighbours, nearest) in expected.items():
+        with open_fleet(mission(path, robot_id), Simulated()) as link:
+            rules = link._rules
+            assert (rules.neighbours, rules.nearest) == (neighbours, nearest)
+            assert (rules.stale_s, rules.alone_s, rules.missing_s) == (pytest.approx(0.06), 4.0, 5.0)
+            assert link.team(link.locate(OWN)).teammates == ()
+
+
+def test_a_robot_without_neighbours_waits_for_nobody(write):
+    with open_fleet(mission(write([robot(0)])), Simulated()) as link:
+        assert link.team(link.locate(OWN)).fault == ""
+
+
+def test_the_example_of_a_team_is_the_built_in_fleet_with_addresses():
+    example, built_in = load_fleet(DEFAULT_FLEET.with_name("udp.toml")), load_fleet(DEFAULT_FLEET)
+    places = [(member.id, member.start_m, member.goal_m) for member in built_in.robots]
+    assert [(member.id, member.start_m, member.goal_m) for member in example.robots] == places
+    assert example.steering == built_in.steering
+
+
+def test_keys_that_do_not_fit_name_the_file_and_the_key(write, tmp_path):
+    path = write([robot(0), robot(1)])
+    (tmp_path / "team.key").chmod(0o644)
+    with pytest.raises(
+        ConfigError, match=r"fleet.toml: carrier.key: key .* is open to other users; run: chmod"
+    ):
+        open_fleet(mission(path), Simulated())
+    (tmp_path / "team.key").unlink()
+    with pytest.raises(
+        ConfigError, match=r"fleet.toml: carrier.key: key .*: No such file or directory; create"
+    ):
+        open_fleet(mission(path), Simulated())
+
+
+def test_an_address_in_use_names_the_file_and_the_key(write):
+    path = write([robot(0), robot(1)])
+    complaint = (
+        r"fleet.toml: robots\[1\].address: cannot listen on 127.0.0.1 port \d+ \(Address already in use\)"
+    )
+    with open_fleet(mission(path, 1), Simulated()), pytest.raises(ConfigError, match=complaint):
+        open_fleet(mission(path, 1), Simulated())
+
+
+@pytest.fixture
+def team(write):
+    """Three robots as processes that have found each other over a network that loses a fifth."""
+    path = write([robot(robot_id) for robot_id in range(3)])
+    with ExitStack() as stack:
+        processes = [Process(path, robot_id, 0.2, stack) for robot_id in range(3)]
+        while processes[0].tick()["mates"] != [1, 2]:
+            pass
+        yield path, processes
+
+
+def test_a_killed_process_is_masked_within_three_periods(team):
+    _, (watching, _, victim) = team
+    for _ in range(20):
+        watching.tick()
+    victim.process.kill()
+    after = [watching.tick() for _ in range(40)]
+    rest, report = watching.end()
+    seen = [*after, *rest]
+    heard = [tick["newest"]["2"] for tick in seen]
+    visible = [2 in tick["mates"] for tick in seen[heard.index(heard[-1]) :]]
+    assert len(visible) > 30
+    assert visible == sorted(visible, reverse=True)
+    assert visible.count(True) <= 4  # the tick that heard it last, and three periods
+    assert seen[-1]["newest"]["1"] > seen[0]["newest"]["1"]
+    assert report["masked"]["2"] >= visible.count(False)
+    assert report["refused"].keys() <= {"unanswered"}
+    assert report["failures"] == {}
+
+
+def test_hostile_frames_change_nothing(team):
+    path, (target, *_) = team
+    host, _, port = load_fleet(path).robots[0].address.rpartition(":")
+    draw, sent = random.Random(7), 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
+        while sent < 30_000:  # a busy machine drops some before they are read
+            sequences = {int(sequence) for sequence in target.tick()["newest"].values()}
+            assert max(sequences) < UNREACHABLE
+            for _ in range(100):
+                attacker.sendto(hostile(draw), (host, int(port)))
+                sent += 1
+    rest, report = target.end()
+    assert all(max(tick["newest"].values()) < UNREACHABLE for tick in rest)
+    assert report["refused"].keys() - {"unanswered"} == {"foreign", "malformed"}
+    assert report["refused"]["foreign"] + report["refused"]["malformed"] >= 10_000

@@ -1,0 +1,235 @@
+"""edge-pose: recordings and a scripted Motive on one side, a robot's own link on the other."""
+
+import json
+import math
+import select
+import socket
+import threading
+import time
+
+import pytest
+from fleet_processes import mission, robot
+from natnet_packets import frame, rigid_body, server_info
+from ports import free_port
+
+from edge_runtime.config.network import endpoint
+from edge_runtime.errors import ConfigError
+from edge_runtime.messages import RobotState
+from edge_runtime.team.membership import Alone, open_fleet
+from edge_runtime.tools.pose import edge_pose as command
+from edge_runtime.tools.pose.feeds import NatNetFeed
+from edge_runtime.tools.pose.recording import Sample, read_recording
+from edge_runtime.tools.pose.stream_host import StreamHost
+from edge_runtime.tools.pose.velocity import VelocityFit
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture
+def place():
+    return free_port()
+
+
+@pytest.fixture
+def path(tmp_path, place):
+    """A fleet of two robots, one of which gets its pose from a stream, as body 7."""
+    (tmp_path / "team.key").write_bytes(KEY)
+    (tmp_path / "team.key").chmod(0o600)
+    file = tmp_path / "fleet.toml"
+    source = f'pose = "{place[0]}:{place[1]}"\nrigid_body = 7\nneighbours = []'
+    file.write_text('[carrier]\nkey = "team.key"\n' + robot(0, source) + robot(1))
+    return file
+
+
+def watch(path, seconds, until=lambda _: False):
+    """The states that robot 0 takes itself to be in, tick by tick."""
+    with open_fleet(mission(path), Alone()) as link:
+        seen, end_s = [], time.monotonic() + seconds
+        while time.monotonic() < end_s and not (seen and until(seen[-1])):
+            time.sleep(0.005)
+            own = link.locate(RobotState(0, time.monotonic(), (9.0, 9.0), (9.0, 9.0)))
+            if own:
+                seen.append(own)
+        return seen
+
+
+def test_the_velocity_of_a_straight_line_is_its_slope():
+    fit = VelocityFit()
+    found = [fit.follow(0.01 * k, (0.3 * 0.01 * k, 1.0 - 0.2 * 0.01 * k)) for k in range(20)]
+    assert found[:2] == [None, None]
+    for velocity in found[2:]:
+        assert velocity == pytest.approx((0.3, -0.2))
+
+
+def test_the_velocity_is_that_of_the_middle_of_the_window():
+    """Under constant acceleration the fitted slope is exact there: 25 ms ago."""
+    fit = VelocityFit()
+    for k in range(100):
+        velocity = fit.follow(0.005 * k, (0.5 * 2.0 * (0.005 * k) ** 2, 0.0))
+    assert velocity[0] == pytest.approx(2.0 * (0.005 * 99 - 0.025), abs=1e-9)
+
+
+def test_a_gap_or_a_stamp_that_goes_back_starts_the_fit_anew():
+    for stamp in (10.0, -10.0, 0.2):
+        fit = VelocityFit()
+        found = [fit.follow(0.01 * k, (0.0, 0.0)) for k in range(21)]
+        assert found[-1] == (0.0, 0.0)
+        assert fit.follow(stamp, (5.0, 5.0)) is None
+
+
+POSES = [{"t": 0.01 * k, "robot": 0, "x": 0.002 * k, "y": -1.0, "heading": 0.25} for k in range(60)]
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
+def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
+    file = tmp_path / f"poses{suffix}"
+    if suffix == ".csv":
+        rows = [",".join(POSES[0]), *(",".join(map(str, pose.values())) for pose in POSES)]
+    else:
+        rows = list(map(json.dumps, POSES))
+    file.write_text("\n".join(rows) + "\n")
+    flags = ["--fleet", str(path), "--replay", str(file)]
+    codes = []
+    player = threading.Thread(
+        target=lambda: codes.append(command._serve(command.make_parser().parse_args(flags), str))
+    )
+    player.start()
+    seen = watch(path, 20.0, lambda own: own.position_m[0] > 0.1)
+    player.join(20)
+    assert not player.is_alive()
+    assert len({own.position_m for own in seen}) > 10
+    for own in seen:
+        assert own.position_m[1] == -1.0
+        assert own.velocity_m_s == pytest.approx((0.2, 0.0), abs=1e-9)
+        assert own.heading_rad == 0.25
+
+
+class Motive:
+    """A server of one moving rigid body among others, unicast to whoever connected."""
+
+    def __init__(self, version):
+        self.version = version
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.port = self.socket.getsockname()[1]
+        self.alive, self.kept_alive = True, 0
+        self.thread = threading.Thread(target=self.serve)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.alive = False
+        self.thread.join()
+        self.socket.close()
+
+    def serve(self):
+        client, number = None, 0
+        while self.alive:
+            if select.select((self.socket,), (), (), 0.004)[0]:
+                content, client = self.socket.recvfrom(1000)
+                self.kept_alive += content[0] == 10
+                if content[0] == 0:
+                    self.socket.sendto(server_info(self.version), client)
+            elif client:
+                number += 1
+                stamp_s = 5000.0 + time.monotonic()
+                turn = (0.0, math.sin(0.2), 0.0, math.cos(0.2))
+                bodies = [
+                    rigid_body(3, (7.0, 7.0, 7.0)),
+                    rigid_body(7, (0.5, 0.1, -2.0), turn),
+                    rigid_body(8, (8.0, 8.0, 8.0), tracked=False),
+                ]
+                self.socket.sendto(b"x", client)
+                self.socket.sendto(frame(bodies, stamp_s, self.version), client)
+
+
+@pytest.mark.parametrize("version", [(4, 0), (4, 1)])
+def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
+    ended = threading.Event()
+    address = endpoint(f"{place[0]}:{place[1]}")
+    with Motive(version) as motive, StreamHost(address, robots(path), [0], [], KEY) as host:
+        with NatNetFeed("127.0.0.1", {7: 0}, "y", motive.port) as feed:
+            server = threading.Thread(target=feed.publish, args=(host, lambda: "end" * ended.is_set()))
+            server.start()
+            seen = watch(path, 20.0, bool)
+            ended.set()
+            server.join()
+        assert motive.kept_alive >= 1
+    assert seen[-1].position_m == pytest.approx((0.5, 2.0))
+    assert seen[-1].velocity_m_s == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert seen[-1].heading_rad == pytest.approx(0.4)
+    assert time.monotonic() - 10.0 < seen[-1].stamp_s < time.monotonic()  # in our clock, not in Motive's
+    assert feed.refused >= 1
+
+
+def robots(path):
+    return {member.id: endpoint(member.address) for member in mission(path).fleet.robots}
+
+
+def test_an_old_motive_is_refused():
+    with (
+        Motive((3, 1)) as motive,
+        pytest.raises(ConfigError, match=r"--natnet 127\.0\.0\.1: NatNet 3\.1: only"),
+    ):
+        NatNetFeed("127.0.0.1", {}, "y", motive.port)
+
+
+@pytest.mark.parametrize(
+    "line, expected",
+    [
+        ('{"t": 0, "robot": 0}', "line 1: a line has either `x` and `y`, or `ranges`"),
+        ('{"t": 0, "robot": 0, "x": 1, "y": 2, "ranges": []}', "line 1: a line has either"),
+        ('{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 1}', "line 1: `vx` and `vy` go together"),
+        ('{"t": 0, "robot": 0, "x": 1e999, "y": 2}', "line 1: "),
+        ('{"t": 0, "robot": 0, "x": 1, "y": -2e6}', "line 1: `y` must lie in [-1e+06, 1e+06], got -2e+06"),
+        (
+            '{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 0, "vy": 2e3}',
+            "line 1: `vy` must lie in [-1000, 1000], got 2000",
+        ),
+        (
+            '{"t": 1, "robot": 0, "ranges": [1]}\n{"t": 0, "robot": 0, "ranges": [1]}',
+            "line 2: t goes back to 0",
+        ),
+        ("", "is empty"),
+        ("t, robot", "line 1: "),
+    ],
+)
+def test_recordings_that_do_not_hold_together(tmp_path, line, expected):
+    file = tmp_path / "poses.jsonl"
+    file.write_text(line)
+    with pytest.raises(ConfigError) as caught:
+        read_recording(file)
+    assert str(caught.value).startswith(f"{file}: {expected}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_of_ranges(tmp_path):
+    file = tmp_path / "ranges.jsonl"
+    file.write_text('{"t": 0.5, "robot": 3, "ranges": [0.1, 0.35]}\n')
+    assert read_recording(file) == [Sample(t=0.5, robot=3, ranges=(0.1, 0.35))]
+
+
+@pytest.mark.parametrize(
+    "flags, expected",
+    [
+        ([], "one of the arguments --natnet --replay is required"),
+        (["--natnet", "motive"], "argument --natnet: must be an IPv4 address, got 'motive'"),
+        (
+            ["--replay", "{file}", "--listen", "127.0.0.1:9"],
+            "--listen must be one of the fleet's streams",
+        ),
+        (["--replay", "{file}"], "{file}: robot 1 does not get its poses from here"),
+        (["--replay", "{file}.none"], "{file}.none: cannot be read (No such file or directory)"),
+        (["--replay", "{file}", "--key-file", "{file}"], "key {file} is open to other users"),
+    ],
+)
+def test_bad_input_is_one_line(path, tmp_path, capsys, flags, expected):
+    file = tmp_path / "poses.jsonl"
+    file.write_text('{"t": 0, "robot": 1, "x": 1, "y": 2}\n')
+    file.chmod(0o644)
+    assert command.main(["--fleet", str(path), *(flag.format(file=file) for flag in flags)]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.startswith("edge-pose: " + expected.format(file=file))
+    assert complaint.count("\n") == 1

@@ -1,0 +1,150 @@
+import csv
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+
+import pytest
+import torch
+from training_runs import SETTINGS, request, same, train
+
+from edge_runtime.errors import ConfigError
+from export.algorithms.mafpo_warm import MafpoWarm, match
+from export.distributed import Workers
+from export.training import warm_start
+from export.training.checkpoint import load, load_policy
+from export.training.plan import ALGORITHMS, make_plan
+from export.training.run import TrainingRun
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = tmp_path_factory.mktemp("finished")
+    train(request(out))
+    return out
+
+
+TRAIN_SLOWLY = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, "tests")
+from training_runs import request, train
+train(request(Path(sys.argv[1])), lambda row: time.sleep(0.2))
+"""
+
+
+def test_resumed_after_sigkill_it_ends_as_if_never_interrupted(finished, tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", TRAIN_SLOWLY, str(tmp_path)])
+    while not (tmp_path / "metrics.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert 0 < load(tmp_path / "checkpoint.pt")["trainer"]["frames"] < SETTINGS.frames
+    train(request(tmp_path, resume=True))
+    for name in ("checkpoint.pt", "best.pt"):
+        assert same(load(finished / name), load(tmp_path / name))
+
+
+def interrupt_at(frames):
+    """Stop as Ctrl-C does, after the update that reaches ``frames``."""
+
+    def show(row):
+        if row.frames == frames:
+            raise KeyboardInterrupt
+
+    return show
+
+
+@pytest.mark.parametrize("algorithm", sorted(ALGORITHMS))
+def test_every_algorithm_resumes_between_two_validations(algorithm, tmp_path, monkeypatch):
+    settings, start = replace(SETTINGS, frames=3 * 48, validation_every=9), None
+    if algorithm == MafpoWarm.name:
+        monkeypatch.setattr(warm_start, "ENVIRONMENTS", 4)
+        monkeypatch.setattr(warm_start, "match", partial(match, steps=10))
+        start = tmp_path / "mappo"
+        start.mkdir()
+        train(request(start, algorithm="mappo"), settings=settings)
+    whole, parts = (
+        request(tmp_path / part, algorithm=algorithm, warm_start=start) for part in ("whole", "parts")
+    )
+    for part in (whole, parts):
+        part.out.mkdir()
+    train(whole, settings=settings)
+    with pytest.raises(KeyboardInterrupt):
+        train(parts, interrupt_at(2 * 48), settings)
+    assert load(parts.out / "checkpoint.pt")["trainer"]["frames"] == 2 * 48
+    train(replace(parts, resume=True, warm_start=None), settings=settings)
+    for name in ("checkpoint.pt", "best.pt"):
+        assert same(load(whole.out / name), load(parts.out / name))
+
+
+def test_full_disk_ends_in_one_line_and_what_was_done_is_kept(tmp_path, monkeypatch):
+    def no_space(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fill_disk(row):
+        if row.frames == 48:
+            monkeypatch.setattr(os, "fsync", no_space)
+
+    with pytest.raises(ConfigError, match=r"checkpoint\.pt: No space left on device; .* --resume$"):
+        train(request(tmp_path), fill_disk)
+    monkeypatch.undo()
+    assert TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS).trainer.frames == 48
+
+
+def test_leaves_a_table_a_picture_and_the_best_policy(finished):
+    with (finished / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["frames"]) for row in rows] == list(range(48, SETTINGS.frames + 1, 48))
+    scores = [float(row["score"]) for row in rows if row["score"]]
+    assert len(scores) == 2
+    assert (finished / "curve.png").read_bytes().startswith(b"\x89PNG")
+    network, facts = load_policy(finished)
+    assert facts.score == max(scores)
+    assert facts.frames == max(int(row["frames"]) for row in rows if row["score"] == str(facts.score))
+    assert (facts.scenario, facts.algorithm, network.observation_dim) == ("navigation", "mafpo-chain", 18)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"algorithm": "mafpo"}, "algorithm mafpo-chain, not mafpo"),
+        ({"seed": 7}, "seed 0, not 7"),
+        ({"frames": 96}, "frames 288, not 96"),
+    ],
+)
+def test_checkpoint_of_another_run_is_refused(finished, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        TrainingRun(request(finished, resume=True, **changes), Workers(), SETTINGS)
+
+
+def test_checkpoint_of_another_shape_is_refused(finished, tmp_path):
+    state = load(finished / "checkpoint.pt")
+    state["identity"]["observation_dim"] = 24
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(ConfigError, match="observation_dim 24, not 18"):
+        TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
+
+
+def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
+    with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
+        make_plan(request(finished), 1)
+    with pytest.raises(ConfigError, match="start it without --resume"):
+        make_plan(request(tmp_path, resume=True), 1)
+    assert make_plan(request(tmp_path), 1).saved is None
+
+
+def test_work_that_cannot_be_shared_equally_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="--workers 3 does not divide 16 environments"):
+        TrainingRun(request(tmp_path), Workers(count=3), SETTINGS)
+
+
+def test_the_seed_decides_everything(finished, tmp_path):
+    train(request(tmp_path))
+    assert same(load(finished / "checkpoint.pt"), load(tmp_path / "checkpoint.pt"))

@@ -1,0 +1,76 @@
+"""Teams, objectives and flows on which guidance is tried."""
+
+import numpy as np
+
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.objectives import (
+    Clustering,
+    Objective,
+    SafetyMargin,
+    Slope,
+    Spacing,
+    SpatialOrder,
+    SpeedLimit,
+)
+
+DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+
+
+OBJECTIVES = [
+    SpeedLimit(limit_m_s=0.3, weight=1.0),
+    SafetyMargin(distance_m=0.5, weight=0.5),
+    SafetyMargin(distance_m=0.8, look_ahead=6, weight=2.0),
+    SpeedLimit(limit_m_s=0.1, look_ahead=4, weight=0.3),
+]
+
+
+WISHES = [
+    SpatialOrder(order=(2, 0, 3, 1), gap_m=0.2, weight=0.7),
+    Spacing(distance_m=0.3, weight=0.4),
+    Clustering(radius_m=0.2, weight=2.0),
+]
+
+
+def random_team(draw, teammates=3) -> TeamState:
+    def state(robot):
+        position, velocity = draw.uniform(-0.5, 0.5, 2), draw.uniform(-0.4, 0.4, 2)
+        return RobotState(robot, 0.0, tuple(position.tolist()), tuple(velocity.tolist()))
+
+    mates = [Teammate(state(k + 1), tuple(draw.uniform(-1, 1, 2).tolist())) for k in range(teammates)]
+    return TeamState(state(0), tuple(mates))
+
+
+def gaussian_flow(std, mean, steps):
+    """The exact flow from N(0, I) to N(mean, std^2 I): a linear field, no network at all.
+
+    With a zero network the prior field alone transports to N(0, std^2 I); shifting the action by
+    tau * mean and the velocity by mean moves its target.
+    """
+
+    class ShiftedPrior:
+        backend, batch, euler_steps, action_dim, observation_dim = "closed form", 1, steps, 2, 1
+
+        def observe(self, observation):
+            pass
+
+        def step(self, k, action):
+            tau = k / steps
+            gain = (tau * std**2 - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * std**2)
+            velocity = gain * (np.asarray(action) - tau * mean) + mean
+            return np.concatenate([velocity[None], gain * np.eye(2)[:, None, :]])
+
+    return ShiftedPrior()
+
+
+class Quadratic(Objective, frozen=True, kw_only=True, tag="quadratic"):
+    """J = 1/2 |p' - goal|^2 with a unit preview: a quadratic of the action itself."""
+
+    goal: tuple[float, float]
+
+    def evaluate(self, motion, outlook):
+        dx, dy = motion.x - self.goal[0], motion.y - self.goal[1]
+        return Slope(0.5 * (dx * dx + dy * dy), dx, dy)
+
+
+UNIT = Dynamics(mass_kg=1.0, drag=0.0, dt_s=1.0)  # from rest, p' = p + u
