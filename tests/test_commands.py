@@ -61,9 +61,8 @@ def test_a_wrong_flag_is_one_line_and_exit_code_2(helped):
 
 
 def test_every_command_completes():
-    assert {*MODULES.items(), ("edge-run", "edge_runtime.run"), ("edge-doctor", "edge_runtime.doctor")} >= {
-        (name, module.removesuffix(".__main__")) for name, module in SCRIPTS.items()
-    }
+    bridged = {"edge-run": "edge_runtime.run.edge_run", "edge-doctor": "edge_runtime.doctor.edge_doctor"}
+    assert SCRIPTS.items() <= (MODULES | bridged).items()
 
 
 @pytest.mark.parametrize(
