@@ -8,7 +8,6 @@ from edge_runtime.errors import EdgeError
 COMMANDS = {
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
-    "navigation": "benchmarks.navigation",
     "sil": "benchmarks.sil.sil_command",
     "page": "benchmarks.result_page",
     "pictures": "benchmarks.pictures",

@@ -3,6 +3,8 @@
 import re
 
 import msgspec
+import numpy as np
+import pytest
 from paths import ROOT
 
 from edge_runtime.config.fleet import load_steering
@@ -36,10 +38,39 @@ def test_the_objectives_file_loads(tmp_path):
     assert steering.guidance == type(steering.guidance)()
 
 
-def test_the_table_is_the_recorded_one():
-    results = ROOT / "benchmarks" / "results" / "navigation.json"
-    for row in msgspec.json.decode(results.read_bytes()):
-        name = row["mode"] if row["mode"] == "unguided" else f"{row['mode']}, eta {row['scale']:g}"
-        mean, error = row["multi_objective_success"]
-        shown = rf"\| {re.escape(name)} \| {row['start_noise']:g} \|.*\| {mean:.1f} ± {error:.1f} \|"
-        assert re.search(shown, README), name
+GUIDANCE = {
+    "unguided": ("unguided flow", "none, eta 0, noise 1"),
+    "hierarchical, eta 0.3": ("CFPG (eqs. 14, 15)", "hierarchical, eta 0.3, noise 1"),
+    "none, eta 30": ("CFPG (No HGP)", "none, eta 30, noise 1"),
+    "terminal, eta 0.3": ("CFPG", "terminal, eta 0.3, noise 1, reach 0.5"),
+}
+"""Rows of the README's table, and what they are called in the results."""
+COLUMNS = ("navigation_success", "speeding_violation", "margin_violation", "multi_objective_success")
+
+
+def recorded(**wanted):
+    rows = msgspec.json.decode((ROOT / "benchmarks" / "results" / "paper.json").read_bytes())
+    return [row for row in rows if row["task"] == "navigation" and wanted.items() <= row.items()]
+
+
+@pytest.mark.parametrize("name", GUIDANCE)
+def test_the_guidance_table_is_the_recorded_one(name):
+    method, mode = GUIDANCE[name]
+    rows = recorded(method=method, mode=mode, episodes=1000)
+    figures = [[row[column] for row in rows] for column in COLUMNS]
+    cells = [f"{np.mean(values):.1f} ± {np.std(values, ddof=1):.1f}" for values in figures]
+    assert len(rows) == 10
+    assert f"| {name} | {' | '.join(cells)} |" in README
+
+
+def test_the_table_of_scales_is_the_recorded_one():
+    head, *lines = re.search(r"\| eta \|.*?\n\n", README, re.DOTALL)[0].strip().splitlines()
+    for line in lines[1:]:
+        mode, *shown = (cell.strip() for cell in line.strip("|").split("|"))
+        for eta, success in zip(head.strip("|").split("|")[1:], shown, strict=True):
+            (row, *_) = (
+                row
+                for row in recorded(episodes=200)
+                if row["mode"].startswith(f"{mode}, eta {eta.strip()},") and "euler_steps" not in row
+            )
+            assert success == f"{row['multi_objective_success']:.1f}", (mode, eta)
