@@ -19,7 +19,7 @@ from firmware_bridge.sil.harness.harness import Harness, StartError
 from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.judge.judge import judge
 from firmware_bridge.sil.judge.table import table
-from firmware_bridge.sil.measurement.processes import Crew
+from firmware_bridge.sil.measurement.processes import ProcessGroup
 from firmware_bridge.sil.measurement.report import SilReport
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS
 from firmware_bridge.sil.scenario.scenario import Request, Scenario, prepare
@@ -98,8 +98,8 @@ def simulate(scenario: Scenario, signals: StopSignals) -> SilReport:
     """
     for start in range(STARTS):
         try:
-            with Crew(scenario.folder) as crew:
-                recording = Harness(scenario, crew, signals).run()
+            with ProcessGroup(scenario.folder) as processes:
+                recording = Harness(scenario, processes, signals).run()
             return judge(scenario, recording)
         except StartError as error:
             if start == STARTS - 1:

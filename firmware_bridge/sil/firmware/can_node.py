@@ -17,8 +17,8 @@ from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.sil.firmware.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.firmware.world import Pose
+from firmware_bridge.sil.scenario.scenario import PROFILE
 
-PROFILE: Final = "agilex_v2"
 STATE_PERIOD_S: Final = 0.1
 """Of the system state; the manual allows 20 to 200 ms."""
 _COMMANDS: Final = 1

@@ -19,8 +19,8 @@ from firmware_bridge.kinematics.frames import rotate, swap_enu_ned, swap_heading
 from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.sil.firmware.node import FirmwareNode, Pace, to_monotonic
 from firmware_bridge.sil.firmware.world import Pose
+from firmware_bridge.sil.scenario.scenario import AUTOPILOT
 
-AUTOPILOT: Final = "ardupilot_rover"
 STREAM_PERIOD_S: Final = 0.25
 """Until SET_MESSAGE_INTERVAL asks for another."""
 _PROFILE: Final = PROFILES[AUTOPILOT]

@@ -11,7 +11,7 @@ from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from firmware_bridge.sil.firmware.world import World
 
 
-class Deeds(msgspec.Struct, frozen=True):
+class RobotOutcome(msgspec.Struct, frozen=True):
     """One robot's part in a run, from the beginning of the measurement to its end."""
 
     goal_distance_m: float
@@ -62,11 +62,11 @@ class Truth:
         self._least = np.minimum(self._least, nearest)
         self._greatest = np.maximum(self._greatest, speeds)
 
-    def deeds(self) -> tuple[Deeds, ...]:
+    def outcomes(self) -> tuple[RobotOutcome, ...]:
         """Sum up, in the world's order."""
         offset = self._world.position_m - self._goals_m
         return tuple(
-            Deeds(
+            RobotOutcome(
                 float(math.hypot(*offset[robot])),
                 int(self._collisions[robot]),
                 float(self._violated_steps[robot] * self._period_s),

@@ -23,11 +23,12 @@ from edge_runtime.config.fleet import load_fleet
 from firmware_bridge.sil.firmware.can_node import CanNode
 from firmware_bridge.sil.firmware.mavlink_node import MavlinkNode
 from firmware_bridge.sil.firmware.node import FirmwareNode, NodeRecord, Pace
-from firmware_bridge.sil.firmware.truth import Deeds, Truth
+from firmware_bridge.sil.firmware.truth import RobotOutcome, Truth
 from firmware_bridge.sil.firmware.world import World
 from firmware_bridge.sil.measurement.samples import Samples
 from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, NanPose, StalePose
 from firmware_bridge.sil.scenario.scenario import BridgeKind, Station, robot_bundle
+from firmware_bridge.sil.scenario.start_gate import RunStart
 
 STEP_S: Final = 0.01
 """Of the plant."""
@@ -38,7 +39,7 @@ SETPOINTS: Final = 5
 """After so many setpoints a robot counts as driving."""
 
 
-class FieldSpec(msgspec.Struct, frozen=True):
+class WorldSpec(msgspec.Struct, frozen=True):
     """What the process is started with."""
 
     bridge: BridgeKind
@@ -52,26 +53,19 @@ class FieldSpec(msgspec.Struct, frozen=True):
     faults: tuple[AnyFault, ...]
 
 
-class FieldStart(msgspec.Struct, frozen=True):
-    """What it prints."""
-
-    t0_s: float
-    """Monotonic time at which the measurement begins and the faults' timeline starts."""
-
-
-class FieldRecord(msgspec.Struct, frozen=True):
+class WorldRecord(msgspec.Struct, frozen=True):
     """What it writes."""
 
     nodes: tuple[NodeRecord, ...]
-    deeds: tuple[Deeds, ...]
+    outcomes: tuple[RobotOutcome, ...]
     late_s: list[float]
     """How late each step of the plant was, from the beginning of the measurement."""
 
 
-class Field:
+class WorldProcess:
     """The world and its firmware."""
 
-    def __init__(self, spec: FieldSpec) -> None:
+    def __init__(self, spec: WorldSpec) -> None:
         fleet = load_fleet(Path(spec.stations[0].fleet_file))
         robots = [fleet.robot(station.robot_id) for station in spec.stations]
         manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
@@ -106,10 +100,10 @@ class Field:
                 self._advance(now_s, reports=step % self._pose_steps == 0)
                 step += 1
 
-    def record(self) -> FieldRecord:
+    def record(self) -> WorldRecord:
         """Return everything so far."""
         nodes = tuple(node.record() for node in self._nodes)
-        return FieldRecord(nodes, self._truth.deeds(), self._late_s.tolist())
+        return WorldRecord(nodes, self._truth.outcomes(), self._late_s.tolist())
 
     def close(self) -> None:
         """Let the wires go."""
@@ -136,7 +130,7 @@ class Field:
         is_driving = self._lines >= 2 and all(node.setpoints >= SETPOINTS for node in self._nodes)
         if is_driving and self.t0_s == float("inf"):
             self.t0_s = now_s + SETTLING_S
-            print(msgspec.json.encode(FieldStart(self.t0_s)).decode(), flush=True)
+            print(msgspec.json.encode(RunStart(self.t0_s)).decode(), flush=True)
 
     def _mind_faults(self, elapsed_s: float) -> None:
         nodes = {node.robot_id: node for node in self._nodes}
@@ -166,16 +160,16 @@ def record_path(spec: Path) -> Path:
 def main(arguments: list[str]) -> int:
     """Run as the harness's child."""
     path = Path(arguments[0])
-    spec = msgspec.json.decode(path.read_bytes(), type=FieldSpec)
+    spec = msgspec.json.decode(path.read_bytes(), type=WorldSpec)
     with StopSignals() as signals:
-        field = Field(spec)
+        process = WorldProcess(spec)
         if spec.realtime:
             enter_realtime()
         freeze_garbage()
         gc.disable()  # nothing here makes cycles, and a pause would look like a late robot
-        field.run(signals)
-    field.close()
-    record_path(path).write_bytes(msgspec.msgpack.encode(field.record()))
+        process.run(signals)
+    process.close()
+    record_path(path).write_bytes(msgspec.msgpack.encode(process.record()))
     return 0
 
 

@@ -5,6 +5,7 @@ import select
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import msgspec
 
@@ -12,20 +13,24 @@ from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import BridgeError
 from edge_runtime.run.run_report import RunReport
 from edge_runtime.tools.ctl.operator_link import OperatorLink
-from firmware_bridge.sil.firmware.world_process import FieldRecord, FieldSpec, FieldStart, record_path
+from firmware_bridge.sil.firmware import world_process
+from firmware_bridge.sil.firmware.world_process import WorldRecord, WorldSpec, record_path
+from firmware_bridge.sil.harness import cpu_hog
 from firmware_bridge.sil.harness.injector import Injector
 from firmware_bridge.sil.harness.robots import MODULE, log_folder, open_operator, report_path, robot_arguments
+from firmware_bridge.sil.measurement import wake_probe
 from firmware_bridge.sil.measurement.process_meter import PERIOD_S, Meter
-from firmware_bridge.sil.measurement.processes import Child, Crew
+from firmware_bridge.sil.measurement.processes import Child, ProcessGroup
 from firmware_bridge.sil.measurement.report import ProcessCost
 from firmware_bridge.sil.measurement.robot_log import RobotLog, read_robot_log
 from firmware_bridge.sil.measurement.wake_probe import ProbeRecord
+from firmware_bridge.sil.network import attacker, relay
 from firmware_bridge.sil.network.attacker import HostileSpec
 from firmware_bridge.sil.network.relay import Line, RelaySpec
 from firmware_bridge.sil.scenario.faults import CpuHog, Hostile
 from firmware_bridge.sil.scenario.scenario import Scenario
+from firmware_bridge.sil.scenario.start_gate import RunStart
 
-PACKAGE = "firmware_bridge.sil"
 STARTING_S = 30.0
 STARTING_A_ROBOT_S = 3.0
 """Longest wait until all robots drive: so long, and so much more for each."""
@@ -46,7 +51,7 @@ class Recording:
 
     t0_s: float
     end_s: float
-    field: FieldRecord
+    world: WorldRecord
     probe: ProbeRecord
     reports: dict[int, RunReport]
     logs: dict[int, RobotLog]
@@ -59,10 +64,10 @@ class Recording:
 class Harness:
     """One run of one scenario."""
 
-    def __init__(self, scenario: Scenario, crew: Crew, signals: StopSignals) -> None:
-        self._scenario, self._crew, self._signals = scenario, crew, signals
+    def __init__(self, scenario: Scenario, processes: ProcessGroup, signals: StopSignals) -> None:
+        self._scenario, self._processes, self._signals = scenario, processes, signals
         self._ended: dict[str, str] = {}
-        self._meter = Meter(crew, os.getpid(), scenario.request.duration_s)
+        self._meter = Meter(processes, os.getpid(), scenario.request.duration_s)
 
     def run(self) -> Recording:
         """Run to the end.
@@ -71,28 +76,28 @@ class Harness:
             StartError: if the team never drove.
             BridgeError: if the plant died, or a signal asked to end.
         """
-        field, helpers = self._start_field(), self._start_helpers()
+        world, helpers = self._start_world(), self._start_helpers()
         self._start_robots()
         end_s = time.monotonic() + STARTING_S + STARTING_A_ROBOT_S * len(self._scenario.stations)
         with open_operator(self._scenario) as operator:
             self._await_robots(operator, end_s)
-            field.tell("go")
+            world.tell("go")
             self._await_driving(operator, end_s)
-        field.tell("all drive")
-        start = self._await_start(field, end_s)
+        world.tell("all drive")
+        start = self._await_start(world, end_s)
         for helper in helpers:
             helper.tell(msgspec.json.encode(start).decode())
-        injector = Injector(self._scenario.faults, self._crew, self._scenario.stations[0].fleet_file)
+        injector = Injector(self._scenario.faults, self._processes, self._scenario.stations[0].fleet_file)
         try:
             self._follow(start.t0_s, injector)
         finally:
             injector.restore()
         end_s = start.t0_s + self._scenario.request.duration_s
-        return self._end(start.t0_s, end_s, field, helpers, injector)
+        return self._end(start.t0_s, end_s, world, helpers, injector)
 
-    def _start_field(self) -> Child:
+    def _start_world(self) -> Child:
         scenario, request = self._scenario, self._scenario.request
-        spec = FieldSpec(
+        spec = WorldSpec(
             request.bridge,
             request.rate_hz,
             request.duration_s,
@@ -102,41 +107,41 @@ class Harness:
             scenario.stations,
             scenario.faults,
         )
-        return self._start("field", "field", self._write("field", spec), answers=True)
+        return self._start("world", world_process, self._write("world", spec), answers=True)
 
     def _start_helpers(self) -> list[Child]:
         scenario = self._scenario
         realtime = ["realtime"] if scenario.request.realtime else []
         duration = str(scenario.request.duration_s)
-        helpers = [self._start("probe", "probe", str(self._probe_file), duration, *realtime)]
+        helpers = [self._start("probe", wake_probe, str(self._probe_file), duration, *realtime)]
         if scenario.relays or scenario.tunnels:
             ports = {station.robot_id: station.port for station in scenario.stations}
             lines = tuple(Line(robot_id, port, ports[robot_id]) for robot_id, port in scenario.relays)
             in_realtime = scenario.request.realtime
             spec = RelaySpec(lines, scenario.tunnels, scenario.faults, seed=0, realtime=in_realtime)
-            helpers.append(self._start("relay", "relay", self._write("relay", spec)))
+            helpers.append(self._start("relay", relay, self._write("relay", spec)))
         for index, fault in enumerate(scenario.faults):
             match fault:
                 case CpuHog():
                     times = (str(fault.at_s), str(fault.for_s))
                     hogs = [f"hog_{index}_{number}" for number in range(fault.processes)]
-                    helpers += [self._start(name, "hog", *times) for name in hogs]
+                    helpers += [self._start(name, cpu_hog, *times) for name in hogs]
                 case Hostile():
                     ports = {station.robot_id: station.port for station in scenario.stations}
                     path = self._write(f"hostile_{index}", HostileSpec(ports, fault))
-                    helpers.append(self._start(f"hostile_{index}", "hostile", path))
+                    helpers.append(self._start(f"hostile_{index}", attacker, path))
         return helpers
 
     def _start_robots(self) -> None:
         for station in self._scenario.stations:
             self._look()
             arguments = robot_arguments(self._scenario, station)
-            self._crew.start(f"robot_{station.robot_id}", MODULE, arguments, ONE_THREAD)
+            self._processes.start(f"robot_{station.robot_id}", MODULE, arguments, ONE_THREAD)
             time.sleep(APART_S)
 
-    def _start(self, name: str, module: str, *arguments: str, answers: bool = False) -> Child:
+    def _start(self, name: str, module: ModuleType, *arguments: str, answers: bool = False) -> Child:
         self._look()
-        return self._crew.start(name, f"{PACKAGE}.{module}", arguments, ONE_THREAD, answers=answers)
+        return self._processes.start(name, module.__name__, arguments, ONE_THREAD, answers=answers)
 
     def _write(self, name: str, spec: msgspec.Struct) -> str:
         path = self._scenario.folder / f"{name}.json"
@@ -159,18 +164,18 @@ class Harness:
             words = "; ".join(f"robot {robot_id}: {reason}" for robot_id, reason in reasons.items())
             self._look_before(end_s, f"not all robots drove in time ({words})")
 
-    def _await_start(self, field: Child, end_s: float) -> FieldStart:
-        assert field.popen.stdout is not None  # noqa: S101 - for the type checker
-        while not select.select((field.popen.stdout,), (), (), LOOK_S)[0]:
+    def _await_start(self, world: Child, end_s: float) -> RunStart:
+        assert world.popen.stdout is not None  # noqa: S101 - for the type checker
+        while not select.select((world.popen.stdout,), (), (), LOOK_S)[0]:
             self._look_before(end_s, "not all robots drove in time")
-        return msgspec.json.decode(field.popen.stdout.readline(), type=FieldStart)
+        return msgspec.json.decode(world.popen.stdout.readline(), type=RunStart)
 
     def _look_before(self, end_s: float, complaint: str) -> None:
         self._look()
         if self._ended:
             raise StartError(f"the team did not start: {'; '.join(self._ended.values())}")
         if time.monotonic() > end_s:
-            words = "; ".join(f"{c.name} said: {c.last_words()}" for c in self._robots())
+            words = "; ".join(f"{c.name} said: {c.last_line()}" for c in self._robots())
             raise StartError(f"{complaint}: {words}")
 
     def _follow(self, t0_s: float, injector: Injector) -> None:
@@ -181,8 +186,8 @@ class Harness:
                 sample_s += PERIOD_S
             injector.act(now_s - t0_s)
             self._look()
-            if "field" in self._ended:
-                raise BridgeError(self._ended["field"])
+            if "world" in self._ended:
+                raise BridgeError(self._ended["world"])
             next_s = min(end_s, sample_s, t0_s + injector.next_s, now_s + LOOK_S)
             time.sleep(max(next_s - time.monotonic(), 0.0))
         self._meter.sample(time.monotonic())
@@ -191,25 +196,25 @@ class Harness:
         """Notice who has ended, and whether a signal asks to."""
         if self._signals.reason:
             raise BridgeError(f"ended by {self._signals.reason}")
-        for child in self._crew.children.values():
+        for child in self._processes.children.values():
             code = child.popen.poll()
             surprising = code is not None and not child.expected_end and not _is_done(child, code)
             if surprising and child.name not in self._ended:
-                self._ended[child.name] = f"{child.name} ended with {code}: {child.last_words()}"
+                self._ended[child.name] = f"{child.name} ended with {code}: {child.last_line()}"
 
     def _end(
-        self, t0_s: float, end_s: float, field: Child, helpers: list[Child], injector: Injector
+        self, t0_s: float, end_s: float, world: Child, helpers: list[Child], injector: Injector
     ) -> Recording:
-        for name in self._crew.ask_to_end(self._robots()):
+        for name in self._processes.ask_to_end(self._robots()):
             self._ended[name] = f"{name} did not end when asked to"
-        self._crew.ask_to_end([*helpers, field])
+        self._processes.ask_to_end([*helpers, world])
         try:
             record = msgspec.msgpack.decode(
-                record_path(self._scenario.folder / "field.json").read_bytes(), type=FieldRecord
+                record_path(self._scenario.folder / "world.json").read_bytes(), type=WorldRecord
             )
             probe = msgspec.msgpack.decode(self._probe_file.read_bytes(), type=ProbeRecord)
         except OSError as error:
-            raise BridgeError(f"the plant left no record: {field.last_words()}") from error
+            raise BridgeError(f"the plant left no record: {world.last_line()}") from error
         ended = tuple(self._ended.values())
         return Recording(
             t0_s,
@@ -237,7 +242,7 @@ class Harness:
         return {robot_id: read_robot_log(log_folder(self._scenario, robot_id)) for robot_id in robots}
 
     def _robots(self) -> list[Child]:
-        return [self._crew.children[f"robot_{station.robot_id}"] for station in self._scenario.stations]
+        return [self._processes.children[f"robot_{station.robot_id}"] for station in self._scenario.stations]
 
 
 def _is_done(child: Child, code: int) -> bool:

@@ -8,10 +8,8 @@ from edge_runtime.run.edge_run import BRIDGES
 from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
-from firmware_bridge.sil.firmware.can_node import PROFILE
-from firmware_bridge.sil.firmware.mavlink_node import AUTOPILOT
-from firmware_bridge.sil.scenario.scenario import GUARD_PERIODS, Scenario, Station
-from firmware_bridge.sil.scenario.team_file import HOST
+from firmware_bridge.sil.scenario.ports import HOST
+from firmware_bridge.sil.scenario.scenario import AUTOPILOT, GUARD_PERIODS, PROFILE, Scenario, Station
 
 MODULE = "edge_runtime.run"
 STARTING_S = 120.0

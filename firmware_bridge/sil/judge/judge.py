@@ -62,7 +62,7 @@ def judge(scenario: Scenario, recording: Recording) -> SilReport:
 
 
 def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality:
-    node, deeds = recording.field.nodes[index], recording.field.deeds[index]
+    node, outcome = recording.world.nodes[index], recording.world.outcomes[index]
     robot_id, period_s = node.robot_id, scenario.period_s
     runtime = recording.reports.get(robot_id)
     fleet = runtime.fleet if runtime else None
@@ -82,9 +82,9 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         pose_to_command_age_ms=percentiles(_pose_ages(scenario, recording, node), 1e3),
         fleet_message_age_ms=percentiles(log.message_ages_s(recording.t0_s, recording.end_s), 1e3),
         fleet_used_age_ms=percentiles(log.state_ages_s(recording.t0_s, recording.end_s), 1e3),
-        objective_violations_share=deeds.violated_s / (recording.end_s - recording.t0_s),
-        collisions=deeds.collisions,
-        goals_reached=int(deeds.goal_distance_m <= scenario.fleet.team.goal_tolerance_m),
+        objective_violations_share=outcome.violated_s / (recording.end_s - recording.t0_s),
+        collisions=outcome.collisions,
+        goals_reached=int(outcome.goal_distance_m <= scenario.fleet.team.goal_tolerance_m),
         cpu_cores=sum(cost.cpu_cores for cost in own),
         memory_mib=sum(cost.memory_mib for cost in own),
         robot_id=robot_id,
@@ -106,16 +106,16 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         ),
         objective_changes_s=tuple((at_s - recording.t0_s, version) for at_s, version in log.changes_s()),
         halts_s=halts(np.array(node.command_s), speed, *window),
-        goal_distance_m=deeds.goal_distance_m,
-        least_distance_m=deeds.least_distance_m,
-        greatest_speed_m_s=deeds.greatest_speed_m_s,
+        goal_distance_m=outcome.goal_distance_m,
+        least_distance_m=outcome.least_distance_m,
+        greatest_speed_m_s=outcome.greatest_speed_m_s,
         firmware_timeouts=node.timeouts,
     )
 
 
 def _team(scenario: Scenario, recording: Recording, robots: Sequence[RobotQuality]) -> Quality:
     driving = {robot.robot_id for robot in robots if not robot.exempt}
-    nodes = [node for node in recording.field.nodes if node.robot_id in driving or not driving]
+    nodes = [node for node in recording.world.nodes if node.robot_id in driving or not driving]
     timing = timing_of(nodes, recording, scenario.period_s)
     ages = [_pose_ages(scenario, recording, node) for node in nodes]
     return Quality(
@@ -171,7 +171,7 @@ def _machine(scenario: Scenario, recording: Recording) -> MachineQuality:
         cores=len(os.sched_getaffinity(0)),
         realtime=scenario.request.realtime,
         wake_ms=percentiles(beside, 1e3),
-        plant_late_ms=percentiles(recording.field.late_s, 1e3),
+        plant_late_ms=percentiles(recording.world.late_s, 1e3),
         others_cpu_cores=recording.others_cpu_cores,
     )
 

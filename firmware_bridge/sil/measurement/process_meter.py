@@ -1,6 +1,6 @@
 """Samples what every process costs, once a second while a run lasts."""
 
-from firmware_bridge.sil.measurement.processes import Crew, Usage, machine_busy_s, usage
+from firmware_bridge.sil.measurement.processes import ProcessGroup, Usage, machine_busy_s, usage
 from firmware_bridge.sil.measurement.report import ProcessCost
 
 PERIOD_S = 1.0
@@ -22,13 +22,13 @@ class Meter:
     """Follows what processes cost; keeps nothing that grows with the run.
 
     Args:
-        crew: of whom; names are those of children, and of their children as ``child/module``.
+        processes: whose; names are those of children, and of their children as ``child/part``.
         own_pid: of the harness.
         duration_s: of the run.
     """
 
-    def __init__(self, crew: Crew, own_pid: int, duration_s: float) -> None:
-        self._crew, self._own_pid, self._settling_s = crew, own_pid, SETTLING_SHARE * duration_s
+    def __init__(self, processes: ProcessGroup, own_pid: int, duration_s: float) -> None:
+        self._processes, self._own_pid, self._settling_s = processes, own_pid, SETTLING_SHARE * duration_s
         self._pids: dict[str, int] = {}
         self._spans: dict[str, Span] = {}
         self._begin_s = self._end_s = self._busy_before_s = self._busy_s = 0.0
@@ -38,8 +38,8 @@ class Meter:
         self._end_s, self._busy_s = now_s, machine_busy_s()
         if not self._pids:
             self._begin_s, self._busy_before_s = now_s, self._busy_s
-            self._pids = {name: child.popen.pid for name, child in self._crew.children.items()}
-            self._pids |= {**self._crew.notice_grandchildren(), "harness": self._own_pid}
+            self._pids = {name: child.popen.pid for name, child in self._processes.children.items()}
+            self._pids |= {**self._processes.notice_grandchildren(), "harness": self._own_pid}
             found = {name: usage(pid) for name, pid in self._pids.items()}
             self._spans = {name: Span(one) for name, one in found.items() if one is not None}
         settled = now_s - self._begin_s >= self._settling_s

@@ -9,15 +9,19 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 
 import msgspec
+
+from edge_runtime.recording import logger_process
+from firmware_bridge.guard import process as guard_process
 
 _PR_SET_PDEATHSIG = 1
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 _libc = ctypes.CDLL(None, use_errno=True)
 
+PARTS = {guard_process.__name__: "guard", logger_process.__name__: "logger"}
+"""A robot's processes beside its runtime, by the modules that they run."""
 LEAVING_S = 20.0
 """Longest wait for a process that was asked to end: more than a guard's longest stop sequence."""
 
@@ -45,13 +49,13 @@ class Child:
             self.popen.stdin.write(line + "\n")
             self.popen.stdin.flush()
 
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         """Return the last line that it wrote."""
         lines = self.output.read_text(errors="replace").strip().splitlines()
         return lines[-1] if lines else "it said nothing"
 
 
-class Crew:
+class ProcessGroup:
     """The run's processes; leaving the context ends all of them, and their children.
 
     Args:
@@ -63,16 +67,11 @@ class Crew:
         self._folder = folder
         self._grandchildren: dict[int, int] = {}
 
-    def __enter__(self) -> "Crew":
+    def __enter__(self) -> "ProcessGroup":
         """Nothing runs yet."""
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Kill whatever is left."""
         self.notice_grandchildren()
         for child in self.children.values():
@@ -128,13 +127,13 @@ class Crew:
         return slow
 
     def notice_grandchildren(self) -> dict[str, int]:
-        """Return the living descendants of each child by ``name/module``, and remember to end them."""
+        """Return the living descendants of each child by ``name/part``, and remember to end them."""
         found = {}
         parents = _parents()
         for child in self.children.values():
             for pid, parent in parents.items():
                 if parent == child.popen.pid:
-                    found[f"{child.name}/{_module(pid)}"] = pid
+                    found[f"{child.name}/{_part(pid)}"] = pid
                     if pid not in self._grandchildren:
                         with contextlib.suppress(OSError):
                             self._grandchildren[pid] = os.pidfd_open(pid)
@@ -176,9 +175,10 @@ def _parents() -> dict[int, int]:
     return parents
 
 
-def _module(pid: int) -> str:
-    """Return the last part of the module that a Python process runs."""
-    with contextlib.suppress(OSError, ValueError):
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-        return words[words.index("-m") + 1].rpartition(".")[2]
-    return "other"
+def _part(pid: int) -> str:
+    """Return which of a robot's processes this is, by the module that it runs."""
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
+    except OSError:
+        return "other"
+    return next((part for module, part in PARTS.items() if module in words), "other")

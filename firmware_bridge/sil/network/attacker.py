@@ -18,8 +18,8 @@ import msgspec
 from edge_runtime.messages import RobotState
 from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC, Frame, encode
 from firmware_bridge.sil.scenario.faults import Hostile
+from firmware_bridge.sil.scenario.ports import HOST
 from firmware_bridge.sil.scenario.start_gate import await_start, sleep_until
-from firmware_bridge.sil.scenario.team_file import HOST
 
 BURST_S = 0.005
 """Frames go out in bursts this far apart: sleeping for each would cost more than the frames."""

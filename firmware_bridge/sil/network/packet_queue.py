@@ -12,7 +12,7 @@ Send = Callable[[bytes], object]
 """Hands a packet to whom it is for; one that is refused is lost, as on any network."""
 
 
-class Post:
+class PacketQueue:
     """Delivers packets, now or later.
 
     Args:

@@ -18,11 +18,11 @@ import msgspec
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil.network.disturbance import Disturbance
-from firmware_bridge.sil.network.packet_queue import Post
-from firmware_bridge.sil.network.tunnel import Tunnel, TunnelEnds
+from firmware_bridge.sil.network.packet_queue import PacketQueue
+from firmware_bridge.sil.network.tunnel import TunnelEnds
 from firmware_bridge.sil.scenario.faults import AnyFault
+from firmware_bridge.sil.scenario.ports import HOST, Tunnel
 from firmware_bridge.sil.scenario.start_gate import await_start
-from firmware_bridge.sil.scenario.team_file import HOST
 
 _PACKET_BYTES: Final = 65535
 
@@ -50,7 +50,7 @@ class Relay:
     """The sockets, and the packets that are under way."""
 
     def __init__(self, spec: RelaySpec) -> None:
-        self.post = Post(Disturbance(spec.faults, spec.seed))
+        self.queue = PacketQueue(Disturbance(spec.faults, spec.seed))
         self._senders = {line.robot_port: line.robot_id for line in spec.lines}
         self._selector = selectors.DefaultSelector()
         for line in spec.lines:
@@ -59,14 +59,14 @@ class Relay:
             one.bind((HOST, line.relay_port))
             self._selector.register(one, selectors.EVENT_READ, partial(self._take, one, line))
         for tunnel in spec.tunnels:
-            TunnelEnds(tunnel, self.post, self._selector)
+            TunnelEnds(tunnel, self.queue, self._selector)
 
     def pass_on(self) -> None:
         """Wait for packets, or for the time of those under way, and pass them on."""
-        for key, _ in self._selector.select(self.post.wait_s):
+        for key, _ in self._selector.select(self.queue.wait_s):
             if self._selector.get_map().get(key.fd) == key:  # else one before it has closed it
                 key.data()
-        self.post.flush()
+        self.queue.flush()
 
     def _take(self, one: socket.socket, line: Line) -> None:
         send = partial(_send_to, one, line.robot_port)
@@ -75,7 +75,7 @@ class Relay:
                 packet, (_, port) = one.recvfrom(_PACKET_BYTES)
             except (BlockingIOError, ConnectionRefusedError):
                 return
-            self.post.deliver(packet, self._senders.get(port, -1), line.robot_id, send)
+            self.queue.deliver(packet, self._senders.get(port, -1), line.robot_id, send)
 
 
 def _send_to(one: socket.socket, port: int, packet: bytes) -> None:
@@ -94,8 +94,8 @@ def main(arguments: list[str]) -> int:
         if spec.realtime:
             enter_realtime()
         while not signals.reason:
-            if relay.post.t0_s == float("inf") and started.select(0):
-                relay.post.t0_s = await_start()
+            if relay.queue.t0_s == float("inf") and started.select(0):
+                relay.queue.t0_s = await_start()
             relay.pass_on()
     return 0
 

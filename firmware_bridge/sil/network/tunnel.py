@@ -8,23 +8,10 @@ import socket
 from functools import partial
 from typing import Final
 
-import msgspec
-
-from firmware_bridge.sil.network.packet_queue import Post
-from firmware_bridge.sil.scenario.team_file import HOST
+from firmware_bridge.sil.network.packet_queue import PacketQueue
+from firmware_bridge.sil.scenario.ports import HOST, Tunnel
 
 _PACKET_BYTES: Final = 65535
-
-
-class Tunnel(msgspec.Struct, frozen=True):
-    """One pair of robots."""
-
-    connecting: int
-    listening: int
-    relay_port: int
-    """Where the connecting robot finds the other one."""
-    robot_port: int
-    """Where that one listens."""
 
 
 class TunnelEnds:
@@ -32,12 +19,12 @@ class TunnelEnds:
 
     Args:
         tunnel: which.
-        post: takes what passes.
+        queue: takes what passes.
         selector: calls what it was given with a socket that can be read, with nothing.
     """
 
-    def __init__(self, tunnel: Tunnel, post: Post, selector: selectors.BaseSelector) -> None:
-        self._tunnel, self._post, self._selector = tunnel, post, selector
+    def __init__(self, tunnel: Tunnel, queue: PacketQueue, selector: selectors.BaseSelector) -> None:
+        self._tunnel, self._queue, self._selector = tunnel, queue, selector
         self._upstream: dict[tuple[str, int], socket.socket] = {}
         self._datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -57,7 +44,7 @@ class TunnelEnds:
             except OSError:
                 return
             upstream = self._upstream.get(place) or self._open_upstream(place)
-            self._post.deliver(packet, tunnel.connecting, tunnel.listening, upstream.send)
+            self._queue.deliver(packet, tunnel.connecting, tunnel.listening, upstream.send)
 
     def _open_upstream(self, place: tuple[str, int]) -> socket.socket:
         """Speak to the listening robot from a port of its own, by which it tells its links apart."""
@@ -76,7 +63,7 @@ class TunnelEnds:
                 packet = upstream.recv(_PACKET_BYTES)
             except OSError:
                 return
-            self._post.deliver(packet, tunnel.listening, tunnel.connecting, send)
+            self._queue.deliver(packet, tunnel.listening, tunnel.connecting, send)
 
     def _send_to(self, place: tuple[str, int], packet: bytes) -> None:
         self._datagrams.sendto(packet, place)
@@ -106,7 +93,7 @@ class TunnelEnds:
             self._close(stream)
             return
         way = (stream.sender, stream.receiver, stream.target.sendall)
-        stream.due_s = self._post.stream(piece, *way, stream.due_s)
+        stream.due_s = self._queue.stream(piece, *way, stream.due_s)
 
     def _close(self, stream: "_Stream") -> None:
         """Let both ends of a connection go."""

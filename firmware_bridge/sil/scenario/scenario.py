@@ -19,13 +19,10 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from firmware_bridge.can.profile import load_profile, profile_path
-from firmware_bridge.sil.firmware.can_node import PROFILE
-from firmware_bridge.sil.network.tunnel import Tunnel
 from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, load_limits
+from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network
 from firmware_bridge.sil.scenario.team_file import (
-    Network,
-    free_network,
     generated_team,
     on_zenoh,
     resolved,
@@ -34,6 +31,10 @@ from firmware_bridge.sil.scenario.team_file import (
 )
 
 BridgeKind = Literal["can", "mavlink"]
+PROFILE = "agilex_v2"
+"""Of the robots on CAN."""
+AUTOPILOT = "ardupilot_rover"
+"""Of those on MAVLink."""
 ROBOTS = 4
 GUARD_PERIODS = 3
 """The guard's deadline in control periods, its own default where that is at most 0.1 s."""
@@ -113,7 +114,7 @@ def prepare(request: Request, folder: Path) -> Scenario:
     faults = load_faults(request.faults, robots, request.duration_s, request.bridge) if request.faults else ()
     _check_rights(request, faults)
     relayed = any(isinstance(fault, NetworkFault) for fault in faults)
-    network = free_network(table, robots, relayed=relayed)
+    network = free_network(robots, zenoh=on_zenoh(table), relayed=relayed)
     files = write_fleets(table, robots, network, folder)
     fleet = load_fleet(files[robots[0]])
     bundle = robot_bundle(fleet, fleet.robots[0], str(request.policy or ""))

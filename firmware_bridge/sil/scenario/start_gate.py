@@ -5,7 +5,12 @@ import time
 
 import msgspec
 
-from firmware_bridge.sil.firmware.world_process import FieldStart
+
+class RunStart(msgspec.Struct, frozen=True):
+    """When a run begins, as the world's process tells the harness and that tells its helpers."""
+
+    t0_s: float
+    """Monotonic time at which the measurement begins and the faults' timeline starts."""
 
 
 def await_start() -> float:
@@ -13,7 +18,7 @@ def await_start() -> float:
     line = sys.stdin.readline()
     if not line:
         sys.exit(0)
-    return msgspec.json.decode(line, type=FieldStart).t0_s
+    return msgspec.json.decode(line, type=RunStart).t0_s
 
 
 def sleep_until(time_s: float) -> None:

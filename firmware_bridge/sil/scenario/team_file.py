@@ -1,16 +1,13 @@
 """Fleet files for one machine: generated, or the user's with every robot's address moved to a free port."""
 
-import contextlib
 import secrets
-import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from edge_runtime.common.toml_file import Table
 from firmware_bridge.sil.scenario.layout import places
+from firmware_bridge.sil.scenario.ports import HOST, Network
 
-HOST = "127.0.0.1"
 NEAREST = 3
 """How many neighbours a robot of a generated team listens to."""
 
@@ -38,50 +35,9 @@ def write_key(path: Path) -> None:
     path.write_text(secrets.token_hex(32))
 
 
-class Network(NamedTuple):
-    """Where the robots' sockets are on this machine."""
-
-    ports: Mapping[int, int]
-    """Each robot's for UDP."""
-    wires: Mapping[int, int]
-    """Each firmware's."""
-    relays: Mapping[int, int]
-    """Where the others' datagrams to it go instead; empty without a relay."""
-    zenoh: Mapping[int, int]
-    """Each robot's for its links on Zenoh; empty on UDP."""
-    tunnels: Mapping[tuple[int, int], int]
-    """Where a robot finds another one, (connecting, listening), instead; empty without a relay."""
-
-
-def free_ports(count: int) -> tuple[int, ...]:
-    """Return ports of this machine that nobody holds now, neither for UDP nor for TCP; all differ."""
-    found: dict[int, None] = {}
-    while len(found) < count:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket() as other:
-            one.bind((HOST, 0))
-            port = one.getsockname()[1]
-            with contextlib.suppress(OSError):  # somebody's TCP port
-                other.bind((HOST, port))
-                found[port] = None
-    return tuple(found)
-
-
 def on_zenoh(table: Table) -> bool:
     """Whether a fleet's frames travel over Zenoh."""
     return bool(table["carrier"].get("type") == "zenoh")
-
-
-def free_network(table: Table, robots: Sequence[int], *, relayed: bool) -> Network:
-    """Find ports for a fleet; ``relayed``: with a relay between the robots."""
-    zenoh = on_zenoh(table)
-    pairs = [(one, other) for one in robots for other in robots if other < one]
-    relays = robots if relayed and not zenoh else ()
-    places = robots if zenoh else ()
-    tunnels = pairs if relayed and zenoh else []
-    ports = iter(free_ports(2 * len(robots) + len(relays) + len(places) + len(tunnels)))
-    groups = (robots, robots, relays, places)
-    own, wires, to_relays, on_places = (dict(zip(group, ports, strict=False)) for group in groups)
-    return Network(own, wires, to_relays, on_places, dict(zip(tunnels, ports, strict=True)))
 
 
 def on_network(table: Table, robot_id: int, network: Network) -> Table:

@@ -15,7 +15,7 @@ from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil import edge_sil as command
 from firmware_bridge.sil.harness import harness
 from firmware_bridge.sil.harness.robots import check_robot
-from firmware_bridge.sil.measurement.processes import Crew
+from firmware_bridge.sil.measurement.processes import ProcessGroup
 from firmware_bridge.sil.scenario.faults import KINDS
 from firmware_bridge.sil.scenario.scenario import Request, prepare
 from firmware_bridge.sil.scenario.team_file import write_key
@@ -180,7 +180,7 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
     assert robots[1]["firmware_timeouts"] == 1  # nobody was left to stop it but its own firmware
     assert report["ended"] == []
     names = {process["name"] for process in report["processes"]}
-    assert {"field", "probe", "relay", "robot_3", "robot_3/guard", "harness"} <= names
+    assert {"world", "probe", "relay", "robot_3", "robot_3/guard", "harness"} <= names
     assert any(name.startswith("hog_") for name in names)
     assert report["machine"]["wake_ms"]["max"] > 0.0
 
@@ -287,8 +287,8 @@ def test_no_robot_commands_anything_before_all_are_up(tmp_path, monkeypatch, bri
     """Its guard's deadline would run while its siblings, which still start, keep it from its ticks."""
     monkeypatch.setattr(harness, "APART_S", 2.5)
     scenario = prepare(Request(robots=2, bridge=bridge, rate_hz=10.0, duration_s=1.0), tmp_path)
-    with StopSignals() as signals, Crew(tmp_path) as crew:
-        recording = harness.Harness(scenario, crew, signals).run()
+    with StopSignals() as signals, ProcessGroup(tmp_path) as processes:
+        recording = harness.Harness(scenario, processes, signals).run()
     first_s = [log.decided_s[0] for log in recording.logs.values()]
     assert abs(first_s[1] - first_s[0]) < 1.5
     assert all(report.faults["no own state yet"] for report in recording.reports.values())
@@ -319,7 +319,7 @@ def test_a_team_of_one(tmp_path):
     ],
 )
 def test_bad_input_is_one_line_and_starts_nothing(flags, complaint, capsys, monkeypatch):
-    monkeypatch.setattr(command, "Crew", lambda *_: pytest.fail("started"))
+    monkeypatch.setattr(command, "ProcessGroup", lambda *_: pytest.fail("started"))
     assert command.main(flags) == 2
     words = capsys.readouterr().err
     assert complaint in words and words.startswith("edge-sil: ") and words.count("\n") == 1

@@ -9,9 +9,9 @@ import pytest
 
 from firmware_bridge.sil.network.disturbance import RETRANSMISSION_S, Disturbance
 from firmware_bridge.sil.network.relay import Line, Relay, RelaySpec
-from firmware_bridge.sil.network.tunnel import Tunnel
 from firmware_bridge.sil.scenario.faults import Blackout, Delay, Loss
-from firmware_bridge.sil.scenario.team_file import free_network, free_ports, on_network, resolved
+from firmware_bridge.sil.scenario.ports import Tunnel, free_network, free_ports
+from firmware_bridge.sil.scenario.team_file import on_network, resolved
 
 ROBOTS = (2, 5, 7)
 HOST = "127.0.0.1"
@@ -25,7 +25,7 @@ def table(**carrier):
 
 @pytest.mark.parametrize("relayed", [False, True])
 def test_robots_on_udp_see_each_other_at_their_ports_or_relays(relayed):
-    network = free_network(table(), ROBOTS, relayed=relayed)
+    network = free_network(ROBOTS, zenoh=False, relayed=relayed)
     seen = {robot["id"]: robot for robot in on_network(table(), 5, network)["robots"]}
     assert seen[5]["address"] == f"{HOST}:{network.ports[5]}"
     assert seen[2]["address"] == f"{HOST}:{(network.relays if relayed else network.ports)[2]}"
@@ -35,7 +35,7 @@ def test_robots_on_udp_see_each_other_at_their_ports_or_relays(relayed):
 @pytest.mark.parametrize("relayed", [False, True])
 def test_robots_on_zenoh_connect_to_each_other_or_to_a_tunnel_of_each_pair(relayed):
     team = table(type="zenoh", router="tls/router.local:7447")
-    network = free_network(team, ROBOTS, relayed=relayed)
+    network = free_network(ROBOTS, zenoh=True, relayed=relayed)
     moved = on_network(team, 5, network)
     seen = {robot["id"]: robot for robot in moved["robots"]}
     assert "router" not in moved["carrier"]
@@ -46,7 +46,7 @@ def test_robots_on_zenoh_connect_to_each_other_or_to_a_tunnel_of_each_pair(relay
 
 
 def test_no_port_is_given_twice():
-    network = free_network(table(type="zenoh"), range(12), relayed=True)
+    network = free_network(range(12), zenoh=True, relayed=True)
     every = [port for ports in network for port in ports.values()]
     assert len(set(every)) == len(every) == 12 * 3 + 66
 
@@ -140,7 +140,7 @@ def test_a_blackout_stops_datagrams_and_holds_a_stream_until_it_is_over():
         client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
         server, _ = listener.accept()
         stack.enter_context(server)
-        running.relay.post.t0_s = begin_s = time.monotonic()
+        running.relay.queue.t0_s = begin_s = time.monotonic()
         link.sendto(b"lost", (HOST, relay_port))
         client.sendall(b"first ")
         assert server.recv(99) == b"first "
@@ -163,7 +163,7 @@ def test_a_line_knows_its_senders():
         receiver, sender, stranger = udp(stack, own), udp(stack, other), udp(stack)
         lines = (Line(2, relay_port, own), Line(5, free_ports(1)[0], other))
         running = Running(stack, (Blackout(at_s=0.0, for_s=1e6, robots=(5,)),), lines)
-        running.relay.post.t0_s = time.monotonic()
+        running.relay.queue.t0_s = time.monotonic()
         sender.sendto(b"lost", (HOST, relay_port))
         stranger.sendto(b"heard", (HOST, relay_port))
         assert receiver.recv(99) == b"heard"

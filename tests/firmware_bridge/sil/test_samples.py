@@ -3,7 +3,7 @@
 import tracemalloc
 
 from firmware_bridge.sil.measurement.process_meter import Meter
-from firmware_bridge.sil.measurement.processes import Crew, Usage
+from firmware_bridge.sil.measurement.processes import ProcessGroup, Usage
 from firmware_bridge.sil.measurement.samples import LONGEST_S, MARGIN_S, Samples
 
 
@@ -45,9 +45,9 @@ def test_growth_counts_from_the_first_quarter_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr("firmware_bridge.sil.measurement.process_meter.machine_busy_s", lambda: 2.0 * step)
     monkeypatch.setattr("firmware_bridge.sil.measurement.process_meter.usage", usage)
-    crew = Crew(tmp_path)
-    monkeypatch.setattr(crew, "notice_grandchildren", lambda: {"robot_0/guard": 2})
-    meter = Meter(crew, own_pid=1, duration_s=4.0)
+    processes = ProcessGroup(tmp_path)
+    monkeypatch.setattr(processes, "notice_grandchildren", lambda: {"robot_0/guard": 2})
+    meter = Meter(processes, own_pid=1, duration_s=4.0)
     for step in range(4):
         meter.sample([0.0, 1.0, 2.0, 4.0][step])
     costs = {cost.name: cost for cost in meter.costs()}

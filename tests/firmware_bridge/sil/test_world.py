@@ -92,10 +92,10 @@ def test_collisions_count_once_when_they_begin():
         for _ in range(150):
             world.step([(push, 0.0), (-push, 0.0), (0.0, 0.0)])
             truth.follow()
-    deeds = truth.deeds()
-    assert [one.collisions for one in deeds] == [2, 2, 0]
-    assert deeds[0].least_distance_m <= MARGIN < deeds[2].least_distance_m
-    assert deeds[2].goal_distance_m == pytest.approx(2.0)
+    outcomes = truth.outcomes()
+    assert [one.collisions for one in outcomes] == [2, 2, 0]
+    assert outcomes[0].least_distance_m <= MARGIN < outcomes[2].least_distance_m
+    assert outcomes[2].goal_distance_m == pytest.approx(2.0)
 
 
 def test_objectives_are_judged_by_the_truth():
@@ -108,8 +108,8 @@ def test_objectives_are_judged_by_the_truth():
     truth.follow()
     world.position_m[1] = 0.0, 0.24
     truth.follow()
-    assert [one.violated_s for one in truth.deeds()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
-    assert truth.deeds()[0].greatest_speed_m_s == pytest.approx(0.3)
+    assert [one.violated_s for one in truth.outcomes()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
+    assert truth.outcomes()[0].greatest_speed_m_s == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3, 4, 8, 12, 16, 32, 64])
