@@ -14,5 +14,5 @@ def set_masses(world: Scenario, masses_kg: Sequence[float]) -> None:
     """
     if not isinstance(world, Navigation):
         raise ValueError(f"only Navigation's robots can be given masses, not those of {world.facts.name}")
-    for agent, mass in zip(world._vmas.agents, masses_kg, strict=True):
+    for agent, mass in zip(world._agents, masses_kg, strict=True):
         agent.mass = mass

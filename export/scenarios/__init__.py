@@ -1,6 +1,12 @@
 """Training scenarios and what their policies observe, act on and are scored by."""
 
+import contextlib
+import io
+
 import torch
+
+with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement for its successor
+    import vmas  # noqa: F401 - before anything else here imports it
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.objectives import Objective

@@ -4,29 +4,22 @@ Simulation and reward are those of VMAS 1.5.2. Episodes start by this module's o
 line's inclination is observed as sin(2 angle), since VMAS' own angle modulo pi jumps where the line is level.
 """
 
-import contextlib
-import io
-from typing import Any
-
 import torch
 from torch import Tensor
+from vmas.scenarios.balance import Scenario as VmasBalance
+from vmas.simulator.core import Agent
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import ActionField, Body, ObservationField
+from edge_runtime.policy.manifest import Body, ObservationField
 from export.scenarios.balance_starts import (
     LINE_LENGTH_M,
     PACKAGE_RADIUS_M,
     RADIUS_M,
     ROBOTS,
-    State,
     draw_starts,
 )
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-
-with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement for its successor
-    import vmas
-    from vmas.scenarios.balance import Scenario as VmasBalance
-    from vmas.simulator.core import Agent
+from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
 
 FORCE_MULTIPLIER = 0.7
 """Newtons that VMAS makes of one unit of action, on a robot of 1 kg."""
@@ -53,8 +46,7 @@ FACTS = ScenarioFacts(
     name="balance",
     robots=ROBOTS,
     observation=(
-        ObservationField("position", 2, "m"),
-        ObservationField("velocity", 2, "m/s"),
+        *OWN_MOTION,
         ObservationField("package_offset", 2, "m"),
         ObservationField("line_offset", 2, "m"),
         ObservationField("package_goal_offset", 2, "m"),
@@ -63,7 +55,7 @@ FACTS = ScenarioFacts(
         ObservationField("line_angular_velocity", 1, "rad/s"),
         ObservationField("line_sin_2_angle", 1, "1"),
     ),
-    action=(ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0)),
+    action=FORCES,
     # The multiplier is stated as inertia: one newton moves 1 / 0.7 kg as VMAS' 0.7 N move 1 kg.
     dynamics=Dynamics(mass_kg=1.0 / FORCE_MULTIPLIER, drag=0.25, dt_s=0.1, substeps=1),
     body=Body(radius_m=RADIUS_M, lidar_rays=0, lidar_range_m=0.0),
@@ -81,7 +73,7 @@ class _SilentBalance(VmasBalance):
         return agent.state.pos
 
 
-class Balance:
+class Balance(VmasTeams):
     """B teams of VMAS Balance.
 
     A team succeeds when package and goal overlap, and goes on to hold it there: the episode does not end.
@@ -91,27 +83,16 @@ class Balance:
     facts = FACTS
 
     def __init__(self, environments: int, seed: int, device: torch.device, *, training: bool) -> None:
-        self.environments = environments
-        self.device = device
         self._flying_share = FLYING_SHARE if training else 0.0
         self._held_share = HELD_SHARE if training else 0.0
         self._slot = torch.zeros(environments, ROBOTS, device=device)
         self._hold = torch.zeros(environments, 1, device=device)
-        self._generator = torch.Generator(device).manual_seed(seed)
-        self._vmas = vmas.make_env(
-            _SilentBalance(),
-            num_envs=environments,
-            device=device,
-            continuous_actions=True,
-            clamp_actions=True,
-            seed=seed,
-            n_agents=ROBOTS,
-        )
-        self.reset()
+        self._vmas = simulate(_SilentBalance(), environments, seed, device, n_agents=ROBOTS)
+        super().__init__(environments, seed, device, self._vmas.agents)
 
     def observe(self) -> Tensor:
         """Return the observations (B, N, 16), fields in the order of ``FACTS``."""
-        state = self._physical_state()
+        state = self._state()
         own = (
             state["position"],
             state["velocity"],
@@ -130,14 +111,9 @@ class Balance:
         )
         return torch.cat([*own, shared[:, None].expand(-1, ROBOTS, -1)], -1)
 
-    def motion(self) -> tuple[Tensor, Tensor]:
-        """Return the robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""
-        state = self._physical_state()
-        return state["position"], state["velocity"]
-
     def nominal(self) -> Tensor:
         """Return the payload's distance to its goal now, (B,) in metres: Table I's nominal metric."""
-        state = self._physical_state()
+        state = self._state()
         return (state["package"] - state["goal"]).norm(dim=-1)
 
     def step(self, action: Tensor) -> Transition:
@@ -151,43 +127,21 @@ class Balance:
             terminated=fallen,
         )
 
-    def reset(self, finished: Tensor | None = None) -> None:
-        """Start new episodes where ``finished`` (B,) is true; everywhere if it is None."""
-        if finished is None:
-            finished = torch.ones(self.environments, dtype=torch.bool, device=self.device)
-        rows = finished.nonzero()[:, 0]
-        state = self._physical_state()
-        for name, start in draw_starts(len(rows), self._flying_share, self._generator).items():
-            state[name][rows] = start
-        self._set_physical_state(state)
-        self._slot[rows], self._hold[rows] = self._draw_formations(len(rows))
-
     def score(self, metrics: EpisodeMetrics) -> float:
         """Return nine tenths of the success rate, plus up to one for the way made towards the goal."""
         # The reward is 100 per metre that the package comes closer.
         progress = metrics.mean_return / (100 * (START_DISTANCE_M - ON_GOAL_M))
         return 0.9 * metrics.success + 0.1 * min(max(progress, 0.0), 1.0)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return the motion of robots, package and line, the goals and the generator."""
-        return {
-            **self._physical_state(),
-            "slot": self._slot.clone(),
-            "hold": self._hold.clone(),
-            "generator": self._generator.get_state(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from what ``state_dict`` returned."""
-        self._set_physical_state({name: state[name].to(self.device) for name in self._physical_state()})
-        self._slot.copy_(state["slot"])
-        self._hold.copy_(state["hold"])
-        self._generator.set_state(state["generator"])
+    def _starts(self, count: int) -> State:
+        starts = draw_starts(count, self._flying_share, self._draw)
+        slot, hold = self._draw_formations(count)
+        return {**starts, "slot": slot, "hold": hold}
 
     def _draw_formations(self, count: int) -> tuple[Tensor, Tensor]:
         """Draw places along x relative to the line's centre (count, N), and the strongest pull (count, 1)."""
         low, high = HELD_SPACING_M
-        middle, spacing, pull, held = (2 * self._uniform(count, 4) - 1).split(1, 1)
+        middle, spacing, pull, held = self._draw.uniform(count, 4).split(1, 1)
         spacing = low + (high - low) * (0.5 + 0.5 * spacing)
         places = torch.arange(ROBOTS, device=self.device) - (ROBOTS - 1) / 2
         room = LINE_LENGTH_M / 2 - RADIUS_M - spacing * places[-1]
@@ -196,21 +150,16 @@ class Balance:
 
     def _holding(self) -> Tensor:
         """What pulls the robots to their places, (B, N, 2) in units of the action."""
-        state = self._physical_state()
+        state = self._state()
         missing = self._slot - (state["position"] - state["line"][:, None])[..., 0]
         pull = torch.minimum((HOLD_STIFFNESS_PER_M * missing).abs(), self._hold) * missing.sign()
         return torch.stack([pull, torch.zeros_like(pull)], -1)
 
-    def _uniform(self, *shape: int) -> Tensor:
-        return torch.rand(shape, generator=self._generator, device=self.device)
-
-    def _physical_state(self) -> State:
-        """Return new tensors; positions and velocities are (B, .., 2), angles (B, 1)."""
-        agents, scenario = self._vmas.agents, self._vmas.scenario
+    def _state(self) -> State:
+        scenario = self._vmas.scenario
         package, line = scenario.package.state, scenario.line.state
         return {
-            "position": torch.stack([agent.state.pos for agent in agents], 1),
-            "velocity": torch.stack([agent.state.vel for agent in agents], 1),
+            **super()._state(),
             "package": package.pos.clone(),
             "package_velocity": package.vel.clone(),
             "goal": scenario.package.goal.state.pos.clone(),
@@ -218,17 +167,18 @@ class Balance:
             "line_velocity": line.vel.clone(),
             "line_angle": line.rot.clone(),
             "line_angular_velocity": line.ang_vel.clone(),
+            "slot": self._slot.clone(),
+            "hold": self._hold.clone(),
         }
 
-    def _set_physical_state(self, state: State) -> None:
+    def _set_state(self, state: State) -> None:
+        super()._set_state(state)
         scenario = self._vmas.scenario
         package, line = scenario.package.state, scenario.line.state
-        for i, agent in enumerate(self._vmas.agents):
-            agent.state.pos = state["position"][:, i].contiguous()
-            agent.state.vel = state["velocity"][:, i].contiguous()
         package.pos, package.vel = state["package"].clone(), state["package_velocity"].clone()
         scenario.package.goal.state.pos = state["goal"].clone()
         line.pos, line.vel = state["line"].clone(), state["line_velocity"].clone()
         line.rot, line.ang_vel = state["line_angle"].clone(), state["line_angular_velocity"].clone()
+        self._slot, self._hold = state["slot"].clone(), state["hold"].clone()
         # What VMAS measures the next step's progress from.
         scenario.global_shaping = self.nominal() * scenario.shaping_factor

@@ -3,8 +3,7 @@
 import torch
 from torch import Tensor
 
-State = dict[str, Tensor]
-"""Robots, package, goal and line of B teams, by name: positions and velocities (B, .., 2), angles (B, 1)."""
+from export.scenarios.vmas_teams import Draw, State
 
 ROBOTS = 5
 RADIUS_M = 0.03
@@ -25,9 +24,12 @@ LARGEST_DEPTH_M = 0.15
 """Half of the flying robots are up to this far below the line, the other half touch it."""
 
 
-def draw_starts(count: int, flying_share: float, generator: torch.Generator) -> State:
-    """Draw ``count`` starts, ``flying_share`` of them in flight on average."""
-    draw = _Draw(generator)
+def draw_starts(count: int, flying_share: float, draw: Draw) -> State:
+    """Draw ``count`` starts, ``flying_share`` of them in flight on average.
+
+    Returns:
+        Robots, package, goal and line by name: positions and velocities (count, .., 2), angles (count, 1).
+    """
     flying = draw.uniform(count, low=0.0) < flying_share
     start, flight = _on_the_floor(draw, count), _in_flight(draw, count)
     for name, value in flight.items():
@@ -35,28 +37,20 @@ def draw_starts(count: int, flying_share: float, generator: torch.Generator) -> 
     return start
 
 
-class _Draw:
-    """Uniform numbers from one generator, on its device."""
-
-    def __init__(self, generator: torch.Generator) -> None:
-        self._generator = generator
-
-    def uniform(self, *shape: int, low: float = -1.0, high: float = 1.0) -> Tensor:
-        sample = torch.rand(shape, generator=self._generator, device=self._generator.device)
-        return sample * (high - low) + low
-
-    def goals(self, count: int) -> Tensor:
-        return torch.stack([self.uniform(count), self.uniform(count, low=0.0)], -1)
-
-    def along_the_line(self, count: int, margin: float) -> Tensor:
-        return self.uniform(count) * (LINE_LENGTH_M / 2 - margin)
+def _goals(draw: Draw, count: int) -> Tensor:
+    return torch.stack([draw.uniform(count), draw.uniform(count, low=0.0)], -1)
 
 
-def _on_the_floor(draw: _Draw, count: int) -> State:
+def _along_the_line(draw: Draw, count: int) -> Tensor:
+    """Where on the line the package lies."""
+    return draw.uniform(count) * (LINE_LENGTH_M / 2 - PACKAGE_RADIUS_M)
+
+
+def _on_the_floor(draw: Draw, count: int) -> State:
     """VMAS' own: at rest, the robots spread evenly on the floor, line and package level above them."""
     nothing = draw.uniform(count) * 0
     line = torch.stack([draw.uniform(count) * (1 - LINE_LENGTH_M / 2), nothing + FLOOR_M + 2 * RADIUS_M], -1)
-    package = torch.stack([draw.along_the_line(count, PACKAGE_RADIUS_M), nothing + PACKAGE_RADIUS_M], -1)
+    package = torch.stack([_along_the_line(draw, count), nothing + PACKAGE_RADIUS_M], -1)
     reach = (LINE_LENGTH_M - RADIUS_M) / 2
     along = torch.linspace(-reach, reach, ROBOTS, device=line.device)
     robots = torch.stack([along, torch.full_like(along, -2 * RADIUS_M)], -1)
@@ -66,7 +60,7 @@ def _on_the_floor(draw: _Draw, count: int) -> State:
         "velocity": torch.zeros(count, ROBOTS, 2, device=line.device),
         "package": line + package,
         "package_velocity": still.clone(),
-        "goal": draw.goals(count),
+        "goal": _goals(draw, count),
         "line": line,
         "line_velocity": still.clone(),
         "line_angle": still[:, :1].clone(),
@@ -74,13 +68,13 @@ def _on_the_floor(draw: _Draw, count: int) -> State:
     }
 
 
-def _in_flight(draw: _Draw, count: int) -> State:
+def _in_flight(draw: Draw, count: int) -> State:
     """Everything in the air and in motion; the robots anywhere under the line, clear of each other."""
     line = torch.stack([draw.uniform(count), draw.uniform(count) * FLIGHT_HEIGHT_M], -1)
     angle = draw.uniform(count, 1) * FLIGHT_ANGLE_RAD
     tangent = torch.cat([angle.cos(), angle.sin()], -1)[:, None]
     normal = torch.cat([-angle.sin(), angle.cos()], -1)[:, None]
-    package = torch.stack([draw.along_the_line(count, PACKAGE_RADIUS_M)], -1)
+    package = torch.stack([_along_the_line(draw, count)], -1)
     depth = CONTACT_M + draw.uniform(count, ROBOTS, low=-LARGEST_DEPTH_M, high=LARGEST_DEPTH_M).clamp(min=0)
     velocity = draw.uniform(count, 2) * FLIGHT_SPEED_M_S
     return {
@@ -88,7 +82,7 @@ def _in_flight(draw: _Draw, count: int) -> State:
         "velocity": draw.uniform(count, ROBOTS, 2) * ROBOT_SPEED_M_S,
         "package": line + (package[..., None] * tangent + PACKAGE_RADIUS_M * normal)[:, 0],
         "package_velocity": velocity,
-        "goal": draw.goals(count),
+        "goal": _goals(draw, count),
         "line": line,
         "line_velocity": velocity.clone(),
         "line_angle": angle,
@@ -96,7 +90,7 @@ def _in_flight(draw: _Draw, count: int) -> State:
     }
 
 
-def _spread(draw: _Draw, count: int) -> Tensor:
+def _spread(draw: Draw, count: int) -> Tensor:
     """Places (count, N) along the line, uniform among those where no two robots touch."""
     apart = 2 * RADIUS_M
     free = LINE_LENGTH_M - (ROBOTS - 1) * apart

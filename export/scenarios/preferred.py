@@ -73,11 +73,9 @@ class Preferred:
         merits = torch.cat([transition.reward[..., None] / self._nominal_step, -violated], -1)
         return replace(transition, reward=(merits * self.preference[:, None]).sum(-1))
 
-    def reset(self, finished: Tensor | None = None) -> None:
-        """Start new episodes, with new preferences, where ``finished`` (B,) is true; everywhere if None."""
+    def reset(self, finished: Tensor) -> None:
+        """Start new episodes, with new preferences, where ``finished`` (B,) is true."""
         self.scenario.reset(finished)
-        if finished is None:
-            finished = torch.ones(self.environments, dtype=torch.bool, device=self.device)
         self._prefer(finished)
 
     def score(self, metrics: EpisodeMetrics) -> float:

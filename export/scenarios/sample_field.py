@@ -8,6 +8,8 @@ cell.
 import torch
 from torch import Tensor
 
+from export.scenarios.vmas_teams import State
+
 HALF_WIDTH_M = 1.0
 """The field is a square around the origin."""
 CELL_M = 0.05
@@ -37,11 +39,22 @@ class SampleField:
         self._corners = corner[:, None].expand(-1, 2)
         self._window = torch.tensor([-CELL_M, 0.0, CELL_M], device=device)
 
-    def renew(self, rows: Tensor, centre: Tensor) -> None:
-        """Give the teams ``rows`` (R,) untouched fields with bumps at ``centre`` (R, 3, 2)."""
-        self.centre[rows] = centre
-        self.emptied[rows] = False
-        self.densest[rows] = _density(self._corners.expand(len(rows), 1, -1, -1), centre).amax((1, 2, 3))
+    def untouched(self, centre: Tensor) -> State:
+        """Return the state of R fields that nobody has visited, with bumps at ``centre`` (R, 3, 2)."""
+        return {
+            "centre": centre,
+            "emptied": self.emptied.new_zeros(len(centre), CELLS**2),
+            "densest": _density(self._corners.expand(len(centre), 1, -1, -1), centre).amax((1, 2, 3)),
+        }
+
+    def state(self) -> State:
+        """Return copies of what tells B fields apart."""
+        return {name: getattr(self, name).clone() for name in ("centre", "densest", "emptied")}
+
+    def set_state(self, state: State) -> None:
+        """Continue from what ``state`` returned."""
+        for name in self.state():
+            getattr(self, name).copy_(state[name])
 
     def around(self, position: Tensor) -> Tensor:
         """Return the values (B, N, 3, 3) one cell to either side of ``position`` (B, N, 2), by x, then y."""

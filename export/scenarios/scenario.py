@@ -93,8 +93,8 @@ class Scenario(Protocol):
         """Apply the actions (B, N, d), clamped to their limits, for one control period."""
         ...
 
-    def reset(self, finished: Tensor | None = None) -> None:
-        """Start new episodes where ``finished`` (B,) is true; everywhere if it is None."""
+    def reset(self, finished: Tensor) -> None:
+        """Start new episodes where ``finished`` (B,) is true."""
         ...
 
     def score(self, metrics: EpisodeMetrics) -> float:

@@ -22,6 +22,7 @@ from export.scenarios.balance import (
 )
 from export.scenarios.balance_starts import LINE_LENGTH_M, RADIUS_M, draw_starts
 from export.scenarios.scenario import EpisodeMetrics
+from export.scenarios.vmas_teams import Draw
 
 CPU = torch.device("cpu")
 ROBOTS = FACTS.robots
@@ -202,7 +203,7 @@ def test_an_evaluation_is_held_by_nothing_wherever_its_slots_are():
 def test_what_holds_the_robots_is_saved_and_restored():
     scenario, other = balance(training=True), balance(seed=7, training=True)
     saved = scenario.state_dict()
-    scenario.reset()
+    scenario.reset(torch.ones(64, dtype=torch.bool))
     assert not torch.equal(scenario.state_dict()["slot"], saved["slot"])
     other.load_state_dict(saved)
     for name in ("slot", "hold"):
@@ -224,7 +225,7 @@ def test_half_of_the_training_starts_fly_and_no_others():
 
 
 def test_robots_in_flight_are_apart_and_below_the_line():
-    state = draw_starts(2000, 1.0, torch.Generator().manual_seed(3))
+    state = draw_starts(2000, 1.0, Draw(torch.Generator().manual_seed(3)))
     offset = state["position"] - state["line"][:, None]
     angle = state["line_angle"]
     along = offset[..., 0] * angle.cos() + offset[..., 1] * angle.sin()

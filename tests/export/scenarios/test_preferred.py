@@ -88,7 +88,7 @@ def test_training_draws_preferences_uniformly_on_the_simplex_anew_for_each_episo
 
 def test_validation_weighs_everything_equally():
     scenario = preferred(3, training=False)
-    scenario.reset()
+    scenario.reset(torch.ones(3, dtype=torch.bool))
     torch.testing.assert_close(scenario.preference, torch.full((3, 3), 1 / 3))
 
 

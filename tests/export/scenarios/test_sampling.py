@@ -36,9 +36,7 @@ def reference():
     state = scenario.state_dict()
     state["position"] = torch.stack([agent.state.pos for agent in env.agents], 1)
     state["velocity"] = torch.zeros(24, 3, 2)
-    state["centre"] = torch.stack(env.scenario.locs, 1)
-    scenario._field.renew(torch.arange(24), state["centre"])
-    state["densest"] = scenario._field.densest.clone()
+    state |= scenario._field.untouched(torch.stack(env.scenario.locs, 1))
     scenario.load_state_dict(state)
     return env, scenario
 

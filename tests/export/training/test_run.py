@@ -31,7 +31,7 @@ def finished(tmp_path_factory):
 TRAIN_SLOWLY = """
 import sys, time
 from pathlib import Path
-sys.path.insert(0, "tests")
+sys.path.insert(0, "tests/support")
 from training_runs import request, train
 train(request(Path(sys.argv[1])), lambda row: time.sleep(0.2))
 """
