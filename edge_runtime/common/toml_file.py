@@ -3,18 +3,25 @@
 import math
 import re
 import types
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
 
 T = TypeVar("T")
 Table = dict[str, Any]
 LARGEST_FILE: Final = 1 << 20
-"""A fleet of a thousand robots takes a tenth of it."""
+"""Bytes; a fleet of a thousand robots takes a tenth of it."""
+DEEPEST: Final = 32
+"""Tables and lists within one another."""
+LARGEST_INTEGER: Final = 2**63 - 1
+"""What TOML asks of a reader; longer ones could not even be told."""
+_LONGEST_KEY: Final = 300
+"""Parts of a dotted key; one of a file's length would take a parser's time and memory by its square."""
+_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 def read_toml(path: Path) -> Table:
@@ -30,31 +37,30 @@ def read_settings(path: Path) -> bytes:
     """Read a file of settings, as it is.
 
     Raises:
-        ConfigError: if it cannot be read, or is no ordinary file of up to `LARGEST_FILE` bytes.
+        ConfigError: if it cannot be read, or is no regular file of up to `LARGEST_FILE` bytes.
     """
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would hold up who opens it
-            raise ConfigError(f"{path}: is not an ordinary file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
+        return read_regular(path, LARGEST_FILE)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    if len(content) > LARGEST_FILE:
-        raise ConfigError(f"{path}: is larger than {LARGEST_FILE} bytes, no file of settings is")
-    return content
 
 
 def parse_toml(content: bytes, path: Path) -> Table:
     """Read the content of a TOML file whose numbers are all finite.
 
     Raises:
-        ConfigError: if it is not TOML, or holds nan or inf.
+        ConfigError: if it is not TOML, is nested deeper than `DEEPEST`, or holds nan, inf or an integer
+            beyond `LARGEST_INTEGER`.
     """
     try:
-        table: Table = msgspec.toml.decode(content)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        if any(part.count(b".") > _LONGEST_KEY for part in re.split(rb"[=,{\[\n]", content)):
+            raise RecursionError
+        table: Table = msgspec.toml.decode(content.removeprefix(_BYTE_ORDER_MARK))
+    except RecursionError:
+        refuse(path, "", f"is nested deeper than {DEEPEST} tables and lists")
+    except (msgspec.DecodeError, ValueError) as error:
         raise ConfigError(f"{path}: is not TOML ({error})") from error
-    _refuse_non_finite(table, path, "")
+    _check_values(table, path, "", DEEPEST)
     return table
 
 
@@ -89,15 +95,19 @@ def refuse(path: Path, key: str, complaint: str) -> NoReturn:
     raise ConfigError(": ".join(part for part in (str(path), key, complaint) if part))
 
 
-def _refuse_non_finite(value: object, path: Path, key: str) -> None:
+def _check_values(value: object, path: Path, key: str, depth: int) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         refuse(path, key, f"must be a finite number, got {value}")
-    if isinstance(value, Mapping):
+    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        refuse(path, key, f"must be an integer of 64 bits, got one of {value.bit_length()}")
+    if isinstance(value, dict | list) and depth < 0:
+        refuse(path, key, f"is nested deeper than {DEEPEST} tables and lists")
+    if isinstance(value, dict):
         for name, item in value.items():
-            _refuse_non_finite(item, path, f"{key}.{name}".lstrip("."))
+            _check_values(item, path, f"{key}.{name}".lstrip("."), depth - 1)
     if isinstance(value, list):
         for index, item in enumerate(value):
-            _refuse_non_finite(item, path, f"{key}[{index}]")
+            _check_values(item, path, f"{key}[{index}]", depth - 1)
 
 
 def _type_at(expected: Any, steps: list[str]) -> Any:  # noqa: ANN401  # types of any form

@@ -11,17 +11,19 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.policy.backend import Backend, make_policy
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
 from edge_runtime.policy.onnx_policy import OnnxPolicy
-from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE, check_manifest
+from edge_runtime.policy.schema import GRAPH_FILE, LARGEST_FILE, WEIGHTS_FILE, check_manifest
 from edge_runtime.policy.weight_file import unpack_weights
 from edge_runtime.policy.weights import FlowWeights
 
 MANIFEST_FILE: Final = "manifest.json"
 DIGEST_FILE: Final = "manifest.sha256"
+LARGEST_MANIFEST: Final = 1 << 20
 PACKAGED: Final = Path(__file__).parents[1] / "bundles"
 
 
@@ -81,8 +83,8 @@ def load_bundle(directory: Path) -> Bundle:
     if not directory.is_dir():
         raise BundleError(f"{directory}: no such bundle directory; edge-export writes one")
     path = directory / MANIFEST_FILE
-    encoded = _read(path)
-    if _read(directory / DIGEST_FILE) != digest_line(encoded):
+    encoded = _read(path, LARGEST_MANIFEST)
+    if _read(directory / DIGEST_FILE, LARGEST_MANIFEST) != digest_line(encoded):
         raise BundleError(f"{path}: does not match its digest in {DIGEST_FILE}; copy the bundle again")
     manifest = _decode(encoded, path)
     check_manifest(manifest, str(path))
@@ -119,15 +121,15 @@ def _decode(encoded: bytes, path: Path) -> Manifest:
         raise BundleError(f"{path}: {error}") from error
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, largest: int) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path, largest)
     except OSError as error:
         raise BundleError(f"{path}: cannot be read ({error.strerror}); export the bundle again") from error
 
 
 def _read_verified(path: Path, digest: str) -> bytes:
-    content = _read(path)
+    content = _read(path, LARGEST_FILE)
     if hashlib.sha256(content).hexdigest() != digest:
         raise BundleError(f"{path}: does not match its digest in {MANIFEST_FILE}; copy the bundle again")
     return content

@@ -8,7 +8,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
+from edge_runtime.policy.schema import LARGEST_FILE
 from edge_runtime.policy.weights import Array
 
 
@@ -104,7 +106,7 @@ def _open_session(graph: Path) -> _Session:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4  # failures arrive as exceptions
     try:
-        content = graph.read_bytes()
+        content = read_regular(graph, LARGEST_FILE)
         session: _Session = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors share no other base class
         reason = str(error).splitlines()[0]

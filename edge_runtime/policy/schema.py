@@ -1,12 +1,13 @@
 """What a manifest must say for a robot to run it: known fields, their units, finite and ordered numbers."""
 
-import math
 import re
+from itertools import pairwise
 from typing import Final, NoReturn
 
+from edge_runtime.common.bounds import GREATEST
 from edge_runtime.errors import BundleError
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Network, Training
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Training
 
 OBSERVATION_UNITS: Final = {
     "position": "m",
@@ -32,6 +33,18 @@ ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
 GRAPH_FILE: Final = "policy.onnx"
 WEIGHTS_FILE: Final = "policy.npz"
 MAX_EULER_STEPS: Final = 1000
+MAX_RAYS: Final = 4096
+MAX_LAYERS: Final = 16
+"""As many as the compiled kernel takes."""
+MAX_WIDTH: Final = 4096
+MAX_FREQUENCIES: Final = 1024
+"""Of flow time, beside flow time itself."""
+MAX_WEIGHTS: Final = 4_000_000
+"""A network of three layers of 256 has a thirtieth of it."""
+LARGEST_FILE: Final = 8 * MAX_WEIGHTS
+"""Bytes of a file of weights or of a graph."""
+MAX_NAME: Final = 200
+"""Characters of a name."""
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -60,7 +73,7 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     """
     rules = _Rules(source)
     rules.require(manifest.format == BUNDLE_FORMAT, "format", manifest.format, repr(BUNDLE_FORMAT))
-    rules.require(bool(manifest.name.strip()), "name", manifest.name, "a name")
+    rules.name("name", manifest.name)
     rules.between("control_rate_hz", manifest.control_rate_hz, *RATE_HZ)
     rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
     _check_body(rules, manifest.body)
@@ -69,7 +82,7 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     rules.require(abs(steps - 1.0) < 1e-6, "dynamics.dt_s", manifest.dynamics.dt_s, "1 / control_rate_hz")
     _check_observation(rules, manifest)
     _check_action(rules, manifest)
-    _check_network(rules, manifest.runtime, manifest.network)
+    _check_network(rules, manifest)
     _check_training(rules, manifest.training)
     _check_files(rules, manifest)
 
@@ -87,11 +100,15 @@ class _Rules:
         if not fits:
             self.refuse(key, found, wanted)
 
-    def positive(self, key: str, value: float) -> None:
-        self.require(math.isfinite(value) and value > 0, key, value, "a finite number above 0")
+    def name(self, key: str, value: str) -> None:
+        fits = bool(value.strip()) and len(value) <= MAX_NAME
+        self.require(fits, key, value[:MAX_NAME], f"a name of up to {MAX_NAME} characters")
 
-    def finite(self, key: str, value: float) -> None:
-        self.require(math.isfinite(value), key, value, "a finite number")
+    def positive(self, key: str, value: float) -> None:
+        self.between(key, value, 1.0 / GREATEST, GREATEST)
+
+    def bounded(self, key: str, value: float) -> None:
+        self.between(key, value, -GREATEST, GREATEST)
 
     def between(self, key: str, value: float, low: float, high: float) -> None:
         self.require(low <= value <= high, key, value, f"between {low:g} and {high:g}")
@@ -99,10 +116,10 @@ class _Rules:
 
 def _check_body(rules: _Rules, body: Body) -> None:
     rules.positive("body.radius_m", body.radius_m)
-    rules.require(body.lidar_rays >= 0, "body.lidar_rays", body.lidar_rays, "0 (no sensor) or more")
+    rules.between("body.lidar_rays", body.lidar_rays, 0, MAX_RAYS)
     if body.lidar_rays:
         rules.positive("body.lidar_range_m", body.lidar_range_m)
-        rules.finite("body.lidar_start_rad", body.lidar_start_rad)
+        rules.bounded("body.lidar_start_rad", body.lidar_start_rad)
     else:
         rules.require(body.lidar_range_m == 0, "body.lidar_range_m", body.lidar_range_m, "0 without rays")
 
@@ -141,21 +158,26 @@ def _check_action(rules: _Rules, manifest: Manifest) -> None:
     wanted = ", ".join(f"{name} in {unit}" for name, unit in ACTION_UNITS.items())
     rules.require(in_order and found == ACTION_UNITS, "action", found, f"in order {wanted}")
     for index, field in enumerate(manifest.action):
-        rules.finite(f"action[{index}].low", field.low)
-        rules.finite(f"action[{index}].high", field.high)
+        rules.bounded(f"action[{index}].low", field.low)
+        rules.bounded(f"action[{index}].high", field.high)
         rules.require(
             field.low < field.high, f"action[{index}].low", field.low, f"below its high, {field.high}"
         )
 
 
-def _check_network(rules: _Rules, runtime: str, network: Network | None) -> None:
-    if runtime == "onnxruntime":
+def _check_network(rules: _Rules, manifest: Manifest) -> None:
+    network = manifest.network
+    if manifest.runtime == "onnxruntime":
         rules.require(network is None, "network", network, "null for runtime 'onnxruntime'")
         return
     if network is None:
         rules.refuse("network", None, "given for runtime 'numpy'")
-    widths_fit = bool(network.hidden) and all(width >= 1 for width in network.hidden)
-    rules.require(widths_fit, "network.hidden", network.hidden, "one width or more, each at least 1")
+    hidden = network.hidden
+    rules.between("network.hidden: number of layers", len(hidden), 1, MAX_LAYERS)
+    for layer, width in enumerate(hidden):
+        rules.between(f"network.hidden[{layer}]", width, 1, MAX_WIDTH)
+    weights = sum(before * after for before, after in pairwise((manifest.observation_dim, *hidden)))
+    rules.between("network.hidden: number of weights", weights, 1, MAX_WEIGHTS)
     if network.prior_std is not None:
         rules.positive("network.prior_std", network.prior_std)
 

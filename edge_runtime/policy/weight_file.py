@@ -1,15 +1,38 @@
 """``policy.npz``: the arrays of `FlowWeights`, never pickled, the same bytes for the same weights."""
 
 import io
+import re
+import struct
 import zipfile
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import BundleError
 from edge_runtime.policy.manifest import Manifest
+from edge_runtime.policy.schema import MAX_FREQUENCIES
 from edge_runtime.policy.weights import Array, FlowWeights
+
+_NPY: Final = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '(?P<type>[<>|][biuf]\d{1,2})', "
+    rb"'fortran_order': False, 'shape': \((?P<shape>(?:\d{1,9},? ?){0,4})\), \} *\n",
+    re.DOTALL,
+)
+"""The head of an array of numbers as numpy writes it; whatever else there is, is not evaluated."""
+_NPY_PREFIX: Final = struct.Struct("<8sH")
+_ENCRYPTED: Final = 1
+_UNREADABLE: Final = (
+    ValueError,
+    TypeError,
+    EOFError,
+    OSError,
+    NotImplementedError,
+    struct.error,
+    zipfile.BadZipFile,
+)
+"""What zipfile and numpy raise for bytes that are not what they seem."""
 
 
 def pack_weights(weights: FlowWeights) -> bytes:
@@ -38,6 +61,8 @@ def unpack_weights(content: bytes, manifest: Manifest, source: str) -> FlowWeigh
         raise BundleError(f"{source}: the manifest describes no network for these weights")
     arrays = _read_arrays(content, source)
     frequencies = arrays["time_frequency"].size if "time_frequency" in arrays else 0
+    if frequencies > MAX_FREQUENCIES:
+        raise BundleError(f"{source}: has {frequencies} frequencies of flow time, at most {MAX_FREQUENCIES}")
     _check_arrays(arrays, _shapes(manifest, network.hidden, frequencies), source)
     return FlowWeights(
         activation=network.activation,
@@ -66,10 +91,29 @@ def _named_arrays(weights: FlowWeights) -> dict[str, Array]:
 
 def _read_arrays(content: bytes, source: str) -> dict[str, npt.NDArray[Any]]:
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, OSError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = archive.infolist()
+            _require_plain(members, len(content))
+            return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
+    except _UNREADABLE as error:
         raise BundleError(f"{source}: not a readable npz archive of plain arrays ({error})") from error
+
+
+def _require_plain(members: Sequence[zipfile.ZipInfo], size: int) -> None:
+    """Refuse what would unpack to more than the archive itself."""
+    for member in members:
+        if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & _ENCRYPTED:
+            raise ValueError(f"{member.filename} is compressed or encrypted")
+    if sum(member.file_size for member in members) > size:
+        raise ValueError("its members are larger than itself")
+
+
+def _array(content: bytes) -> npt.NDArray[Any]:
+    head = _NPY.match(content)
+    if head is None or head.end() != _NPY_PREFIX.size + _NPY_PREFIX.unpack_from(content)[1]:
+        raise ValueError("a member does not begin as an array of numbers")
+    shape = [int(size) for size in head["shape"].replace(b",", b" ").split()]
+    return np.frombuffer(content, np.dtype(head["type"].decode()), offset=head.end()).reshape(shape).copy()
 
 
 def _shapes(manifest: Manifest, hidden: tuple[int, ...], frequencies: int) -> dict[str, tuple[int, ...]]:

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.errors import ConfigError
+from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import (
     BUNDLE_FORMAT,
@@ -106,12 +106,7 @@ def read_facts(path: Path) -> Facts:
         ConfigError: if the file cannot be read or a key is missing, unknown or of the wrong type.
         BundleError: if a value fits no robot; names the key and what fits.
     """
-    try:
-        file = msgspec.toml.decode(path.read_bytes(), type=_FactsFile)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: {error}; edge-export --print-facts-template shows every key") from error
+    file = to_record(read_toml(path), _FactsFile, path)
     facts = Facts(
         observation=tuple(
             ObservationField(name, observation_size(name, file.body), OBSERVATION_UNITS.get(name, ""))

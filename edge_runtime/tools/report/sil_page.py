@@ -2,14 +2,19 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
 from firmware_bridge.sil.measurement.report import Quality, RobotQuality, SilReport
+
+LARGEST_REPORT: Final = 1 << 24
+"""Bytes."""
 
 
 def load_page(path: Path) -> Page:
@@ -19,10 +24,10 @@ def load_page(path: Path) -> Page:
         ConfigError: if the file cannot be read or is something else.
     """
     try:
-        report = msgspec.json.decode(path.read_bytes(), type=SilReport)
+        report = msgspec.json.decode(read_regular(path, LARGEST_REPORT), type=SilReport)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{path}: is no report of this version's edge-sil --json ({error})") from error
     return make_page(report)
 

@@ -1,8 +1,5 @@
 """Fleet and objectives files: what fits, and the one line that says what does not."""
 
-import os
-from pathlib import Path
-
 import pytest
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet, load_steering
@@ -300,16 +297,6 @@ def test_files_that_cannot_be_read(tmp_path):
     assert complaint(load_fleet, tmp_path) == "cannot be read (Is a directory)"
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     assert complaint(load_fleet, tmp_path / "binary.toml").startswith("is not TOML (")
-
-
-def test_files_that_are_no_settings(tmp_path):
-    (tmp_path / "huge.toml").write_bytes(b"#" * (2**20 + 1))
-    assert complaint(load_fleet, tmp_path / "huge.toml").startswith("is larger than 1048576 bytes")
-    (tmp_path / "huge.toml").write_bytes(b"#" * 2**20)
-    assert complaint(load_fleet, tmp_path / "huge.toml").startswith("robots: missing")
-    os.mkfifo(tmp_path / "pipe")
-    assert complaint(load_fleet, tmp_path / "pipe") == "is not an ordinary file"
-    assert complaint(load_fleet, Path("/dev/zero")) == "is not an ordinary file"
 
 
 def test_unknown_robot_lists_the_known_ones(write):

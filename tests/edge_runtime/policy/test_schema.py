@@ -7,11 +7,11 @@ from edge_runtime.errors import BundleError
 from edge_runtime.policy.bundle import load_bundle
 
 KNOWN = "must be one of position, velocity, goal_offset, proximity, ranges, nearby_samples"
-POSITIVE = "must be a finite number above 0"
+POSITIVE = "must be between 1e-06 and 1e+06"
 
 REFUSALS = [
     ("format", "cfpg-bundle/2", "format is 'cfpg-bundle/2', must be 'cfpg-bundle/1'"),
-    ("name", " ", "name is ' ', must be a name"),
+    ("name", " ", "name is ' ', must be a name of up to 200 characters"),
     ("runtime", "torch", "Invalid enum value 'torch' - at `$.runtime`"),
     ("control_rate_hz", 0, "control_rate_hz is 0.0, must be between 1 and 1000"),
     ("control_rate_hz", 1e9, "control_rate_hz is 1000000000.0, must be between 1 and 1000"),
@@ -19,7 +19,7 @@ REFUSALS = [
     ("euler_steps", 0, "euler_steps is 0, must be between 1 and 1000"),
     ("euler_steps", True, "Expected `int`, got `bool` - at `$.euler_steps`"),
     ("body.radius_m", -0.1, f"body.radius_m is -0.1, {POSITIVE}"),
-    ("body.lidar_rays", -1, "body.lidar_rays is -1, must be 0 (no sensor) or more"),
+    ("body.lidar_rays", -1, "body.lidar_rays is -1, must be between 0 and 4096"),
     ("body.lidar_range_m", 0, f"body.lidar_range_m is 0.0, {POSITIVE}"),
     ("dynamics.mass_kg", 0, f"dynamics.mass_kg is 0.0, {POSITIVE}"),
     ("dynamics.drag", 1.0, "dynamics.drag is 1.0, must be at least 0 and below 1"),
@@ -42,8 +42,19 @@ REFUSALS = [
     ("action.1.low", 1.0, "action[1].low is 1.0, must be below its high, 1.0"),
     ("network", None, "network is None, must be given for runtime 'numpy'"),
     ("network.activation", "relu", "Invalid enum value 'relu' - at `$.network.activation`"),
-    ("network.hidden", [], "network.hidden is (), must be one width or more, each at least 1"),
-    ("network.hidden", [8, 0], "network.hidden is (8, 0), must be one width or more, each at least 1"),
+    ("name", "n" * 201, "must be a name of up to 200 characters"),
+    ("body.lidar_rays", 1_000_000, "body.lidar_rays is 1000000, must be between 0 and 4096"),
+    ("network.hidden", [], "network.hidden: number of layers is 0, must be between 1 and 16"),
+    ("network.hidden", [1] * 100_000, "network.hidden: number of layers is 100000, must be between 1 and 16"),
+    ("network.hidden", [8, 0], "network.hidden[1] is 0, must be between 1 and 4096"),
+    ("network.hidden", [2**70], f"network.hidden[0] is {2**70}, must be between 1 and 4096"),
+    (
+        "network.hidden",
+        [4096] * 2,
+        "network.hidden: number of weights is 16850944, must be between 1 and 4e+06",
+    ),
+    ("network.prior_std", 1e155, f"network.prior_std is 1e+155, {POSITIVE}"),
+    ("action.0.low", -1e308, "action[0].low is -1e+308, must be between -1e+06 and 1e+06"),
     ("network.prior_std", 0, f"network.prior_std is 0.0, {POSITIVE}"),
     ("training.frames", -1, "training.frames is -1, must be at least 0"),
     ("training.score", 1.5, "training.score is 1.5, must be between 0 and 1"),

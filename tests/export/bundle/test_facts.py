@@ -26,17 +26,14 @@ def test_template_describes_navigation(tmp_path):
     [
         ('"velocity"', '"speed"', "observation[1].name is 'speed', must be one of position, velocity"),
         ("low = -1.0", "low = 1.0", "action[0].low is 1.0, must be below its high, 1.0"),
-        ("low = -1.0", "low = -inf", "action[0].low is -inf, must be a finite number"),
-        (
-            "control_rate_hz = 10.0",
-            "control_rate_hz = nan",
-            "control_rate_hz is nan, must be between 1 and 1000",
-        ),
-        ("control_rate_hz = 10.0", "control_rate_hz = '10'", "Expected `float`, got `str`"),
+        ("low = -1.0", "low = -inf", "action.low: must be a finite number, got -inf"),
+        ("low = -1.0", "low = -1e7", "action[0].low is -10000000.0, must be between -1e+06 and 1e+06"),
+        ("control_rate_hz = 10.0", "control_rate_hz = nan", "control_rate_hz: must be a finite number"),
+        ("control_rate_hz = 10.0", "control_rate_hz = '10'", "control_rate_hz: Expected `float`, got `str`"),
         ("lidar_rays = 12", "lidar_rays = 0", "body.lidar_range_m is 0.35, must be 0 without rays"),
-        ("euler_steps = 10", "", "missing required field `euler_steps`; edge-export --print-facts-template"),
-        ("euler_steps = 10", "steps = 10", "unknown field `steps`"),
-        ("[action]", "[action", "edge-export --print-facts-template shows every key"),
+        ("euler_steps = 10", "", "euler_steps: missing; allowed: observation, control_rate_hz"),
+        ("euler_steps = 10", "steps = 10", "steps: unknown key; allowed: observation, control_rate_hz"),
+        ("[action]", "[action", "is not TOML"),
     ],
 )
 def test_mistakes(tmp_path, old, new, complaint):
