@@ -246,7 +246,7 @@ def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -
 def measure_hand_over(rate: float, duration: float) -> HandOver:
     """Time `Recorder.follow` in a paced loop with a real logger."""
     fleet = load_fleet(DEFAULT_FLEET)
-    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, rate)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, rate)
     controller: Controller = mission.controllers()[0]
     grid, timing, spent = DeadlineGrid(1.0 / rate), TimingRecord(STAGES), []
     mates = tuple(Teammate(RobotState(i, 0.0, (float(i), 0.5), (0.1, 0.2))) for i in (1, 2, 3))

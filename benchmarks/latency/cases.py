@@ -6,7 +6,8 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import Floats, TeamBatch
@@ -55,7 +56,9 @@ class Workload:
 
     def make_guide(self) -> Guide:
         """The objectives made ready in the paper's mode, the one that all contenders can compute."""
-        return Guide(GuidanceSettings(mode="hierarchical", scale=0.5), self.objectives, DYNAMICS)
+        return make_guide(
+            ObjectiveSet(self.objectives, GuidanceSettings(mode="hierarchical", scale=0.5)), DYNAMICS
+        )
 
     def team_state(self) -> TeamState:
         """The first robot's view of its team."""

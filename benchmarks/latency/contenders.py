@@ -9,13 +9,14 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from benchmarks.latency.cases import Workload
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import Guide
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
 
@@ -43,8 +44,7 @@ def compiled(work: Workload) -> Tick:
 
 def compiled_step(work: Workload) -> Tick:
     """The compiled kernel with objectives and projections in Python, as an objective of one's own has it."""
-    guide = work.make_guide()
-    guide.native = False
+    guide = msgspec.structs.replace(work.make_guide(), native=False)
     return _runtime(CompiledPolicy(work.weights, work.case.euler_steps, work.case.batch), work, guide)
 
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.guidance.batch import action_slopes
-from edge_runtime.guidance.settings import Guide
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.motion.outlook import Floats, OutlookBatch
 
 

@@ -7,7 +7,9 @@ import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
 from edge_runtime.guidance.batch import guided_actions
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.projection import BatchCombine
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
@@ -31,16 +33,20 @@ def guided(
     bundle: Bundle,
     euler_steps: int | None = None,
     shape: Shape = as_it_is,
+    combine: BatchCombine | None = None,
 ) -> MakeDecide:
-    """A flow policy under guidance; a Gaussian one, whose flow starts at zero, gives its mean."""
-    guide = shape(Guide(settings, objectives, bundle.manifest.dynamics))
+    """A flow policy under guidance; a Gaussian one, whose flow starts at zero, gives its mean.
+
+    ``combine`` resolves conflicts along the flow; the guide's own projection where None.
+    """
+    guide = shape(make_guide(ObjectiveSet(objectives, settings), bundle.manifest.dynamics))
 
     def prepare(batch: int) -> Decide:
         policy = bundle.policy(batch, euler_steps)
 
         def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
             start = settings.start_noise * draw.standard_normal((batch, 2))
-            return guided_actions(policy, observation, views, guide, start)
+            return guided_actions(policy, observation, views, guide, start, combine)
 
         return decide
 
@@ -54,7 +60,9 @@ def unguided(bundle: Bundle, start_noise: float) -> MakeDecide:
 
 def post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
     """A Gaussian policy whose mean action is adapted afterwards."""
-    guide = Guide(GuidanceSettings(mode="none", scale=1.0), objectives, bundle.manifest.dynamics)
+    guide = make_guide(
+        ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0)), bundle.manifest.dynamics
+    )
     predict = unguided(bundle, 0.0)
 
     def prepare(batch: int) -> Decide:

@@ -7,7 +7,7 @@ import numpy as np
 
 from edge_runtime.control.limits import Limits, first_command, limited
 from edge_runtime.guidance.flow import GuidedAction, guided_action
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.numpy_policy import VelocityField
@@ -21,7 +21,7 @@ class Controller:
         robot_id: whose commands these are.
         observer: composes its observations.
         policy: a velocity field of batch 1; controllers that take turns may share one.
-        plan: the objectives.
+        guide: the objectives in force.
         limits: what it may be commanded.
         seed: of the flow's start noise.
     """
@@ -31,14 +31,14 @@ class Controller:
         robot_id: int,
         observer: Observer,
         policy: VelocityField,
-        plan: Plan,
+        guide: Guide,
         limits: Limits,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id
         self.policy = policy
-        self.plan = plan
-        """What it follows; between ticks it may be exchanged."""
+        self.guide = guide
+        """The objectives in force; between ticks it may be exchanged."""
         self.command = first_command(robot_id)
         """The newest command."""
         self.start: Vector2 = (0.0, 0.0)
@@ -54,7 +54,7 @@ class Controller:
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
         """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
         self.start = self._draw_start()
-        return guided_action(self.policy, observation, team, self.plan.guide, self.start, deadline_s)
+        return guided_action(self.policy, observation, team, self.guide, self.start, deadline_s)
 
     def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:
         """Turn the action into this tick's command."""
@@ -69,10 +69,10 @@ class Controller:
         """Compute a tick to throw away, which leaves no trace: it wakes the processor and its caches."""
         observation = np.zeros((1, self.policy.observation_dim), np.float32)
         own = RobotState(self.robot_id, 0.0, (0.0, 0.0), (0.0, 0.0))
-        guided_action(self.policy, observation, TeamState(own), self.plan.guide)
+        guided_action(self.policy, observation, TeamState(own), self.guide)
 
     def _draw_start(self) -> Vector2:
-        noise = self.plan.start_noise
+        noise = self.guide.start_noise
         if not noise:
             return (0.0, 0.0)
         return self._random.gauss(0.0, noise), self._random.gauss(0.0, noise)

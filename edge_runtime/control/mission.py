@@ -6,12 +6,14 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.config.fleet import Fleet, Steering, parse_steering
+from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import Robot
+from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.limits import Limits
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.plan import Plan, make_plan
+from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import Backend
@@ -41,7 +43,8 @@ class Mission:
     robot_id: int
     fleet: Fleet
     bundle: Bundle
-    steering: Steering
+    objective_set: ObjectiveSet
+    """What it starts with."""
     rate_hz: float
     seed: int = 0
     guided: bool = True
@@ -57,19 +60,19 @@ class Mission:
     @property
     def objectives(self) -> tuple[Objective, ...]:
         """The objectives that steer."""
-        return self.steering.objectives if self.guided else ()
+        return self.objective_set.objectives if self.guided else ()
 
     @property
     def period_s(self) -> float:
         """The control period."""
         return 1.0 / self.rate_hz
 
-    def plan(self) -> Plan:
-        """What the robot follows from the start."""
-        return make_plan(self.steering, self.bundle.manifest, guided=self.guided)
+    def guide(self) -> Guide:
+        """Make ready what guides the robot from the start."""
+        return self._ready(self.objective_set)
 
-    def plan_of(self, file: str, content: bytes) -> Plan:
-        """Make a plan of an objectives file that came over the network, as if it lay beside the fleet file.
+    def guide_of(self, file: str, content: bytes) -> Guide:
+        """Make ready an objectives file that came over the network, as if it lay beside the fleet file.
 
         It may name the own objectives that the robot's files named at its start; no code is loaded for it.
 
@@ -78,10 +81,10 @@ class Mission:
         """
         if not self.guided:
             raise ConfigError("this robot runs with --no-guidance")
-        known = {type(one) for one in (*self.fleet.steering.objectives, *self.steering.objectives)}
+        known = {type(one) for one in (*self.fleet.objective_set.objectives, *self.objective_set.objectives)}
         own = known.difference(BUILT_IN)
-        steering = parse_steering(content, self.fleet.path.parent / Path(file).name, own)
-        return make_plan(steering, self.bundle.manifest)
+        asked = parse_objective_set(content, self.fleet.path.parent / Path(file).name, own)
+        return self._ready(asked)
 
     def controllers(self, max_speed_m_s: float = math.inf) -> dict[int, Controller]:
         """One controller for every robot of the fleet; they share one policy and must take turns.
@@ -92,18 +95,22 @@ class Mission:
         Raises:
             PolicyError: if the backend cannot run the bundle's policy.
         """
-        policy, plan = self.bundle.field(self.backend), self.plan()
+        policy, guide = self.bundle.field(self.backend), self.guide()
         return {
             robot.id: Controller(
                 robot.id,
                 Observer(self.bundle.manifest, robot.goal_m),
                 policy,
-                plan,
+                guide,
                 self._limits(robot, max_speed_m_s),
                 self.seed * 2**16 + robot.id,
             )
             for robot in self.fleet.robots
         }
+
+    def _ready(self, asked: ObjectiveSet) -> Guide:
+        manifest = self.bundle.manifest
+        return make_guide(asked, manifest.dynamics, manifest.start, guided=self.guided)
 
     def _limits(self, robot: Robot, max_speed_m_s: float) -> Limits:
         team, manifest = self.fleet.team, self.bundle.manifest

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guidance.projection import cone_batch
-from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
+from edge_runtime.guidance.flow import PREFERENCE_RATE, PREFERENCE_STEPS, TINY
+from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.projection import BATCH, BatchCombine, cone_batch
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.policy.numpy_policy import VelocityField
 
@@ -20,8 +21,11 @@ def guided_actions(
     team: TeamBatch,
     guide: Guide,
     start: Floats,
+    combine: BatchCombine | None = None,
 ) -> Floats:
     """Sample the actions of B robots: observation (B, O), start (B, d) -> (B, d).
+
+    ``combine`` resolves conflicts along the flow; the guide's own projection where None.
 
     The objectives act on the first two action components. There is no deadline and no check for faults:
     a non-finite input leaves its own row non-finite.
@@ -29,7 +33,7 @@ def guided_actions(
     policy.observe(observation)
     outlooks = [look_ahead_batch(team, preview) for preview in guide.previews]
     action, total = np.array(start, np.float64), policy.euler_steps
-    factors = np.array(guide.factors)
+    factors, combine = np.array(guide.factors), combine or BATCH[guide.projection]
     for k in range(total):
         result = policy.step(k, action).astype(np.float64)
         velocity, tangents, left = result[0], result[1:], 1.0 - k / total
@@ -38,7 +42,7 @@ def guided_actions(
             estimate = action + left * velocity
             gradients = action_slopes(guide, outlooks, estimate)
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
-            guidance = guide.combine_batch(gradients, factors, velocity)
+            guidance = combine(gradients, factors, velocity)
         action += (velocity + guidance) / total
     if guide.preferences:
         action = _preferred(action, outlooks, guide)
@@ -50,13 +54,16 @@ def guided_actions(
 
 def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) -> Floats:
     """Move finished actions (B, d) as preferences wish, within ``reach``."""
-    members, weights = list(guide.preferences), np.array(guide.preference_weights)
+    members, weights = (
+        list(guide.preferences),
+        np.array([guide.objectives[m].weight for m in guide.preferences]),
+    )
     action = sampled
     for _ in range(PREFERENCE_STEPS):
         slopes = action_slopes(guide, outlooks, action)[members]
         move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes) - sampled
         length = np.linalg.norm(move, axis=-1, keepdims=True)
-        action = sampled + move * np.minimum(1.0, guide.reach / np.maximum(length, TINY))
+        action = sampled + move * np.minimum(1.0, guide.asked.guidance.reach / np.maximum(length, TINY))
     return action
 
 

@@ -27,8 +27,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.guidance.projection import cone, harmonize, project_onto_nominal, weighted_sum
-from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, TINY, Guide
+from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.projection import PLANAR, cone, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
 from edge_runtime.motion.outlook import Motion, Outlook, look_ahead
 from edge_runtime.objectives import Objective
@@ -36,6 +36,14 @@ from edge_runtime.policy.compiled_policy import CompiledPolicy, encode
 from edge_runtime.policy.numpy_policy import VelocityField
 
 __all__ = ["GuidedAction", "guided_action"]
+
+PREFERENCE_STEPS = 5
+PREFERENCE_RATE = 0.5
+"""Preferences correct a finished action by so many steps of this share of a Newton step each: several
+preferences settle on a compromise, where one step of each would overshoot."""
+
+TINY = 1e-300
+"""Keeps a length of zero from dividing."""
 
 
 def guided_action(
@@ -71,7 +79,7 @@ def guided_action(
             sampled = _flow_compiled(policy, outlooks, guide, start, deadline_s, most_steps)
         else:
             sampled = _flow(policy, outlooks, guide, start, deadline_s, most_steps)
-        return _corrected(sampled, outlooks, guide) if guide.corrects and not sampled.fault else sampled
+        return _corrected(sampled, outlooks, guide) if guide.corrected and not sampled.fault else sampled
     except Exception as error:  # noqa: BLE001  # an objective of the user's own may raise anything
         return _refused(0, f"an objective raised {type(error).__name__}: {error}")
 
@@ -90,6 +98,7 @@ def _flow(
     costs: list[float] = []
     steering: list[tuple[int, float, float]] = []
     conflicts = [0] * len(bound)
+    combine = PLANAR[guide.projection]
     now, longest = time.monotonic(), 0.0
     for k in range(total):
         ((vx, vy),), ((jxx, jxy),), ((jyx, jyy),) = policy.step(k, ((ax, ay),)).tolist()
@@ -116,12 +125,12 @@ def _flow(
             costs.append(cost)
         ex = ey = 0.0
         if gradients:
-            if guide.keeps_flow:  # `hierarchical` in its two steps
+            if guide.projection == "hierarchical":  # `hierarchical` in its two steps
                 harmonized = harmonize(gradients, factors)
                 ex, ey = project_onto_nominal(harmonized, (vx, vy))
                 opposed += (ex, ey) != harmonized
             else:
-                ex, ey = guide.combine(gradients, factors, (vx, vy))
+                ex, ey = combine(gradients, factors, (vx, vy))
             projections += (ex, ey) != (sum_x, sum_y)
         ax += (vx + ex) / total
         ay += (vy + ey) / total
@@ -168,6 +177,8 @@ def _flow_compiled(
 def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
     """Move a finished action at tau = 1: as preferences wish, within ``reach``; then as is required."""
     costs = [0.0] * len(outlooks)
+    weights = [guide.objectives[m].weight for m in guide.preferences]
+    reach = guide.asked.guidance.reach
 
     def slopes(members: Sequence[int], ax: float, ay: float) -> list[Vector2]:
         gradients = []
@@ -182,10 +193,10 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
         ax, ay = sampled.action
         for _ in range(PREFERENCE_STEPS if guide.preferences else 0):
             gradients = slopes(guide.preferences, ax, ay)
-            x, y = weighted_sum(gradients, guide.preference_weights, (0.0, 0.0))
+            x, y = weighted_sum(gradients, weights, (0.0, 0.0))
             x = ax + PREFERENCE_RATE * x - sampled.action[0]
             y = ay + PREFERENCE_RATE * y - sampled.action[1]
-            kept = min(1.0, guide.reach / max(math.hypot(x, y), TINY))
+            kept = min(1.0, reach / max(math.hypot(x, y), TINY))
             ax, ay = sampled.action[0] + kept * x, sampled.action[1] + kept * y
         if guide.requirements:
             gradients = slopes(guide.requirements, ax, ay)

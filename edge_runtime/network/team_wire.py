@@ -58,15 +58,15 @@ class FrameError(ValueError):
         self.cause = cause
 
 
-class Following(msgspec.Struct, frozen=True, gc=False):
-    """Which objectives a robot follows, and which it is committed to."""
+class GuideVersions(msgspec.Struct, frozen=True, gc=False):
+    """Which objectives guide a robot, and which it is committed to."""
 
     version: int = 0
     digest: int = 0
-    """See `edge_runtime.guidance.plan.digest_of`."""
+    """See `edge_runtime.guidance.guide.digest_of`."""
     next_digest: int = 0
     next_tick: int = 0
-    """From this tick of the team on it follows the next ones; 0 if none are agreed."""
+    """From this tick of the team on the next ones guide it; 0 if none are agreed."""
 
 
 class Frame(msgspec.Struct, frozen=True, gc=False):
@@ -86,7 +86,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     """Whether the sender wants the receiver's frames."""
     tick: int = 0
     """The team's, as the sender counts."""
-    following: Following = Following()
+    versions: GuideVersions = GuideVersions()
 
     @property
     def stamp_s(self) -> float:
@@ -96,21 +96,21 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
 
 def encode(frame: Frame, key: bytes) -> bytes:
     """Return the authenticated packet of a frame."""
-    state, following = frame.state, frame.following
+    state, versions = frame.state, frame.versions
     body = _BODY.pack(
         MAGIC,
         state.robot_id,
         frame.receiver,
-        following.version,
+        versions.version,
         frame.listens,
         frame.boot_id,
         frame.sequence,
         frame.challenge,
         frame.answer,
         frame.tick,
-        following.digest,
-        following.next_digest,
-        following.next_tick,
+        versions.digest,
+        versions.next_digest,
+        versions.next_tick,
         state.stamp_s,
         *state.position_m,
         *state.velocity_m_s,
@@ -139,5 +139,5 @@ def decode(packet: bytes, key: bytes) -> Frame:
         raise FrameError(Refusal.NOT_FINITE)
     stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers
     state = RobotState(sender, stamp, (x, y), (v_x, v_y), heading)
-    following = Following(version, digest, next_digest, next_tick)
-    return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), listens, tick, following)
+    versions = GuideVersions(version, digest, next_digest, next_tick)
+    return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), listens, tick, versions)

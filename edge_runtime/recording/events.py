@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from edge_runtime.recording.schema import Event, ObjectiveSet, Tick, Time
+from edge_runtime.recording.schema import Event, LoggedObjectiveSet, Tick, Time
 
 INFO: Final = 2
 WARNING: Final = 3
@@ -20,7 +20,7 @@ def unix_time(time_ns: int) -> Time:
     return Time(*divmod(time_ns, 1_000_000_000))
 
 
-def objectives_event(time_ns: int, chosen: ObjectiveSet) -> Event:
+def objectives_event(time_ns: int, chosen: LoggedObjectiveSet) -> Event:
     """Tell what steers from now on."""
     active = ", ".join(objective.name for objective in chosen.objectives if objective.active)
     text = f"version {chosen.version}: {active or 'none'} (guidance {chosen.mode})"

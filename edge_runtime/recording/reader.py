@@ -34,7 +34,7 @@ class _Format(msgspec.Struct):
 
 
 def read_log(path: Path) -> Iterator[Record | Damage]:
-    """Yield a log's records: `Start`, `ObjectiveSet`, then ticks, events and further sets as they came.
+    """Yield a log's records: `Start`, `LoggedObjectiveSet`, then ticks, events and further sets as they came.
 
     A file that was cut off, as by a killed logger or a full disk, or that is damaged yields all records
     before that, then a `Damage`.

@@ -23,13 +23,13 @@ from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.policy.weights import Array
 from edge_runtime.recording.flags import make_log_plan
 from edge_runtime.recording.ring import Ring, open_ring_memory
 from edge_runtime.recording.schema import End
-from edge_runtime.recording.start import make_start, objective_set
+from edge_runtime.recording.start import logged_set, make_start
 from edge_runtime.recording.wire import (
     REPORT_BYTES,
     LogPlan,
@@ -66,7 +66,7 @@ class Recorder:
     def __init__(self, plan: LogPlan) -> None:
         self._plan = plan
         self._number = self._lost = 0
-        self._followed: Plan | None = None
+        self._followed: Guide | None = None
         self._observation: Array | None = None
         self._packet = tick_packet()
 
@@ -130,16 +130,16 @@ class Recorder:
         command: Command,
     ) -> None:
         """Hand over one tick, or count it as lost."""
-        controller, plan = self._controller, self._controller.plan
-        if plan is not self._followed and self._ring.put(encode_packet(objective_set(plan))):
-            self._followed = plan
+        controller, guide = self._controller, self._controller.guide
+        if guide is not self._followed and self._ring.put(encode_packet(logged_set(guide))):
+            self._followed = guide
         if observation is not self._observation:  # its memory is used again and again
             self._observation, self._seen = observation, observation.data.cast("B")
         parts = (
             self._number,
             deadline_s,
             self._grid.misses,
-            plan.version,
+            guide.version,
             controller.start,
             self._previous,
             team,
@@ -152,7 +152,7 @@ class Recorder:
         self._number += 1
         self._previous = command.action
         # A tick without its objectives could not be replayed.
-        if self._followed is not plan or not self._ring.put(self._packet):
+        if self._followed is not guide or not self._ring.put(self._packet):
             self._lost += 1
 
     def end(self, stop_reason: str, *, failed: bool) -> LogReport:

@@ -10,7 +10,7 @@ from edge_runtime.recording.events import ERROR, INFO, changes, event, objective
 from edge_runtime.recording.log_file import LogFile
 from edge_runtime.recording.poses import team_poses
 from edge_runtime.recording.rotation import LogFiles
-from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, LoggedObjectiveSet, Start, Tick
 from edge_runtime.recording.wire import LogPlan, Packet
 
 
@@ -25,7 +25,7 @@ class RunLog:
     def __init__(self, plan: LogPlan, clock: Callable[[], float] = time.monotonic) -> None:
         self.files = LogFiles(plan, self._begin, clock)
         self._start: Start | None = None
-        self._objectives: ObjectiveSet | None = None
+        self._objectives: LoggedObjectiveSet | None = None
         self._newest: Tick | None = None
         self._time_ns = 0
 
@@ -38,7 +38,7 @@ class RunLog:
             self._time_ns = round(1e9 * record.started_unix_s)
             self.files.add("start", record, self._time_ns)
             self._tell(event(self._time_ns, INFO, "start", f"policy {record.bundle.name}"))
-        elif isinstance(record, ObjectiveSet):
+        elif isinstance(record, LoggedObjectiveSet):
             self._objectives = record
             self.files.add("objectives", record, self._time_ns)
             self._tell(objectives_event(self._time_ns, record))

@@ -9,7 +9,7 @@ the same log time; `edge_runtime.recording.reader` puts them together again as o
 - A field that is None is left out of its message.
 - JSON numbers are the shortest that read back as the same double. A number that is not finite, for which
   JSON has no form, is one of the strings "NaN", "Infinity" and "-Infinity", as in protobuf's JSON.
-- Every file of a run stands by itself: it begins with `Start` and the `ObjectiveSet` in force.
+- Every file of a run stands by itself: it begins with `Start` and the `LoggedObjectiveSet` in force.
 
 Whoever changes a record, also one of the runtime's own that is used here, raises `LOG_FORMAT`.
 """
@@ -129,8 +129,8 @@ class LoggedObjective(msgspec.Struct, frozen=True):
     """All its fields as JSON."""
 
 
-class ObjectiveSet(msgspec.Struct, frozen=True):
-    """Channel ``/objectives``: what steers from here on; again at the start of each file."""
+class LoggedObjectiveSet(msgspec.Struct, frozen=True):
+    """Channel ``/objectives``: the objectives in force from here on; again at the start of each file."""
 
     version: int
     """0 is what the run started with; a set that the team agrees on while it drives has a higher one."""
@@ -265,7 +265,7 @@ TICK_CHANNELS: Final = ("inputs", "state", "observation", "action", "command", "
 
 CHANNELS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
     "start": ("cfpg.Start", Start),
-    "objectives": ("cfpg.ObjectiveSet", ObjectiveSet),
+    "objectives": ("cfpg.ObjectiveSet", LoggedObjectiveSet),
     "inputs": ("cfpg.Inputs", Inputs),
     "state": ("cfpg.TeamState", TeamState),
     "observation": ("cfpg.Observation", Observation),
@@ -278,5 +278,5 @@ CHANNELS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
 }
 """Channel (its topic without the slash), name of its schema, record."""
 
-Record = Start | ObjectiveSet | Tick | Event | End
+Record = Start | LoggedObjectiveSet | Tick | Event | End
 """What `edge_runtime.recording.reader.read_log` yields, in the order of the file."""

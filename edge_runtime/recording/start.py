@@ -15,15 +15,15 @@ import numpy as np
 from edge_runtime.common.realtime import in_realtime
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.recording.schema import (
     LOG_FORMAT,
     BundleIdentity,
     FleetIdentity,
     LoggedObjective,
+    LoggedObjectiveSet,
     Machine,
-    ObjectiveSet,
     RobotPlace,
     Settings,
     Start,
@@ -50,16 +50,16 @@ def make_start(mission: Mission, controller: Controller, run: str, *, bridge: st
     )
 
 
-def objective_set(plan: Plan) -> ObjectiveSet:
-    """Describe what a plan asks for."""
-    guidance, wanted = plan.steering.guidance, plan.steering.objectives
-    active = {id(objective) for objective in plan.guide.objectives}
-    return ObjectiveSet(
-        version=plan.version,
+def logged_set(guide: Guide) -> LoggedObjectiveSet:
+    """Describe the objectives in force."""
+    guidance, wanted = guide.asked.guidance, guide.asked.objectives
+    active = {id(objective) for objective in guide.objectives}
+    return LoggedObjectiveSet(
+        version=guide.version,
         mode=guidance.mode,
         scale=guidance.scale,
         reach=guidance.reach,
-        start_noise=plan.start_noise,
+        start_noise=guide.start_noise,
         objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
     )
 

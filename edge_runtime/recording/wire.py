@@ -9,7 +9,15 @@ from typing import Final
 import msgspec
 
 from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
-from edge_runtime.recording.schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Start, Tick
+from edge_runtime.recording.schema import (
+    End,
+    Inputs,
+    LoggedObjectiveSet,
+    Observation,
+    StageTimes,
+    Start,
+    Tick,
+)
 
 REPORT_BYTES: Final = 1 << 16
 """More than any report."""
@@ -43,7 +51,7 @@ class LogReport(msgspec.Struct, frozen=True):
     """Why, if the system said; empty if all is well."""
 
 
-Packet = Start | ObjectiveSet | Tick | End
+Packet = Start | LoggedObjectiveSet | Tick | End
 TickParts = tuple[
     int,  # number of the tick
     float,  # its deadline
@@ -58,7 +66,11 @@ TickParts = tuple[
     list[float],  # stage times
 ]
 _TICK: Final = b"T"
-_KINDS: Final[dict[bytes, type[Start | ObjectiveSet | End]]] = {b"S": Start, b"O": ObjectiveSet, b"E": End}
+_KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | End]]] = {
+    b"S": Start,
+    b"O": LoggedObjectiveSet,
+    b"E": End,
+}
 _LETTERS: Final = {kind: letter for letter, kind in _KINDS.items()}
 _DECODERS: Final = {letter: msgspec.msgpack.Decoder(kind) for letter, kind in _KINDS.items()}
 _PARTS: Final = msgspec.msgpack.Decoder(
@@ -69,7 +81,7 @@ _encode: Final = _encoder.encode
 _encode_into: Final = _encoder.encode_into
 
 
-def encode_packet(record: Start | ObjectiveSet | End) -> bytes:
+def encode_packet(record: Start | LoggedObjectiveSet | End) -> bytes:
     """Return the packet of a record; MessagePack keeps every float's bits."""
     return _LETTERS[type(record)] + _encode(record)
 

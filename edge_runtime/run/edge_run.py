@@ -69,9 +69,9 @@ def drive(session: Session, bridge: "Bridge", fleet: TeamLink, ending: Callable[
             monitor.no_state()
             continue
         team = fleet.team(own)
-        if plan := fleet.new_plan():
-            controller.plan = plan
-            session.watch.adopt(plan.steering, plan.version)
+        if guide := fleet.new_guide():
+            controller.guide = guide
+            session.watch.adopt(guide)
             monitor.judge_anew(own.stamp_s)
         timing.lap()
         observation = controller.observe(team)
@@ -125,7 +125,7 @@ def run(
     except EdgeError as error:
         reason = failure = str(error)
     return make_report(
-        replace(mission, steering=session.controller.plan.steering),
+        replace(mission, objective_set=session.controller.guide.asked),
         monitor,
         grid,
         session.timing,

@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
-from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet, load_steering
+from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
 from edge_runtime.config.network import Robot
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.backend import BACKENDS
@@ -167,7 +168,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
         EdgeError: one line that says what does not hold together.
     """
     fleet = load_fleet(flags.fleet)
-    steering = load_steering(flags.objectives) if flags.objectives else fleet.steering
+    objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)
     bundle = adapted(bundle, robot)
@@ -176,7 +177,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
         flags.robot_id,
         fleet,
         bundle,
-        steering,
+        objective_set,
         rate_hz,
         flags.seed,
         guided=not flags.no_guidance,

@@ -88,7 +88,7 @@ def make_report(
     """Sum up a run."""
     robots = tuple(_robot_report(robot_id, monitor, mission.period_s) for robot_id in monitor.robots)
     separations = [robot.min_separation_m for robot in robots if robot.min_separation_m is not None]
-    wanted = mission.steering.objectives
+    wanted = mission.objective_set.objectives
     return RunReport(
         robot_id=mission.robot_id,
         policy=mission.bundle.manifest.name,
@@ -97,7 +97,7 @@ def make_report(
         dry_run=dry_run,
         failed=failed,
         objectives=tuple(objective.name for objective in mission.objectives),
-        guidance_mode=mission.steering.guidance.mode,
+        guidance_mode=mission.objective_set.guidance.mode,
         ticks=grid.ticks,
         rate_hz=grid.rate_hz,
         nominal_rate_hz=mission.rate_hz,

@@ -7,7 +7,7 @@ from types import TracebackType
 import msgspec
 from msgspec.structs import replace
 
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.order_wire import ORDER_MAGIC
 from edge_runtime.network.session import random_nonce
@@ -79,7 +79,7 @@ class NetworkTeam:
         self._fair_share = 4 * len(others)
         self._traffic = Traffic()
         self._tick = TeamTick(rules.period_s)
-        self._plan_tick, self._new_plan, self._agreed = 0, False, False
+        self._guide_tick, self._new_guide, self._agreed = 0, False, False
 
     def __enter__(self) -> "NetworkTeam":
         """Nothing needs opening: the carrier is open."""
@@ -113,16 +113,16 @@ class NetworkTeam:
         self._receive(now)
         self._streams.ask(now)
         if self._orders.change(self._tick.number):
-            self._plan_tick, self._new_plan = self._tick.number, True
+            self._guide_tick, self._new_guide = self._tick.number, True
         located = self._streams.locate(bridge) if bridge else None
         if located is None:
             self._desk.stop_reason = self._streams.fault(now) or "waits for the bridge's first state"
         return located
 
-    def new_plan(self) -> Plan | None:
+    def new_guide(self) -> Guide | None:
         """Return what the robot follows from now on, once after each change."""
-        changed, self._new_plan = self._new_plan, False
-        return self._orders.plan if changed else None
+        changed, self._new_guide = self._new_guide, False
+        return self._orders.guide if changed else None
 
     def team(self, own: RobotState) -> TeamState:
         """Return this tick's view of the team."""
@@ -151,7 +151,7 @@ class NetworkTeam:
         """Send this tick's frames."""
         self._sequence += 1
         self._desk.stop_reason = command.stop_reason
-        following = self._orders.following()
+        versions = self._orders.versions()
         for robot_id in self._audience():
             frame = self._peers[robot_id].frame(
                 self._boot_id,
@@ -159,7 +159,7 @@ class NetworkTeam:
                 own,
                 command.action,
                 self._tick.number,
-                following,
+                versions,
                 listens=robot_id in self._wanted,
             )
             self._carrier.send(robot_id, encode(frame, self._key))
@@ -168,8 +168,8 @@ class NetworkTeam:
     def report(self) -> FleetReport:
         """Sum up the traffic so far."""
         heard = {robot_id: peer.newest for robot_id, peer in self._peers.items()}
-        versions = {robot_id: frame.following.version for robot_id, frame in heard.items() if frame}
-        return self._traffic.report(self._carrier.failures, versions, self._orders.plan.version)
+        versions = {robot_id: frame.versions.version for robot_id, frame in heard.items() if frame}
+        return self._traffic.report(self._carrier.failures, versions, self._orders.guide.version)
 
     def _receive(self, now_s: float) -> None:
         for taken, datagram in enumerate(self._carrier.receive(), 1):
@@ -194,7 +194,7 @@ class NetworkTeam:
             raise FrameError(Refusal.IMPERSONATED)
         peer.admit(frame, datagram.arrival_s)
         self._tick.heard(frame.tick)
-        self._orders.heard(frame.following)
+        self._orders.heard(frame.versions)
         self._traffic.accepted += 1
         self._traffic.message_ages.add(peer.age_s(now_s))
 
@@ -224,13 +224,13 @@ class NetworkTeam:
 
     def _disagreement(self, near: Sequence[Teammate]) -> str:
         """Count who follows other objectives; a reason not to drive only until all have once agreed."""
-        own = self._orders.following()
+        own = self._orders.versions()
         differing = [
             mate.state.robot_id
             for mate in near
             if (newest := self._peers[mate.state.robot_id].newest)
-            and newest.tick >= self._plan_tick  # an older frame is of the time before our change
-            and newest.following.digest not in (own.digest, own.next_digest)
+            and newest.tick >= self._guide_tick  # an older frame is of the time before our change
+            and newest.versions.digest not in (own.digest, own.next_digest)
         ]
         self._traffic.disagreed.update(differing)
         self._agreed = self._agreed or not differing

@@ -12,7 +12,7 @@ from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
@@ -69,7 +69,7 @@ class TeamLink(Protocol):
         """Return this tick's view: fresh teammates only, and a fault where no action may rest on it."""
         ...
 
-    def new_plan(self) -> Plan | None:
+    def new_guide(self) -> Guide | None:
         """Return what the team has agreed to follow from this tick on, once; else None."""
         ...
 
@@ -118,7 +118,7 @@ class LocalTeam:
         """Return the bridge's state."""
         return bridge
 
-    def new_plan(self) -> None:
+    def new_guide(self) -> None:
         """Return nothing: no operator reaches this robot."""
 
     def for_base(self, command: Command) -> Command:
@@ -158,7 +158,7 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     sources = {POSE_SOURCE: robot.pose_place, RANGES_SOURCE: robot.ranges_place}
     endpoints |= {source: place for source, place in sources.items() if place}
     carrier = _carrier(mission, settings, own, endpoints)
-    orders = Orders(mission.robot_id, random_nonce(), mission.plan(), mission.plan_of)
+    orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
     desk = OrderDesk(orders, operator_key, carrier, mission.rate_hz)
     streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from edge_runtime.errors import EdgeError
-from edge_runtime.guidance.plan import Plan
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.network.order_wire import Abort, Ask, Commit, Order, Propose, Stage, Standing, Stop
-from edge_runtime.network.team_wire import Following, FrameError, Refusal
+from edge_runtime.network.team_wire import FrameError, GuideVersions, Refusal
 
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""
@@ -26,8 +26,8 @@ STACK_BYTES: Final = 2**20
 """Of that thread: with locked memory, mapping the usual 8 MiB would take the loop 5 ms."""
 STOPPED: Final = "stopped by edge-ctl"
 
-Prepare = Callable[[str, bytes], Plan]
-"""Makes a plan of an objectives file's name and content; raises EdgeError if it would not be followed."""
+Prepare = Callable[[str, bytes], Guide]
+"""Makes ready an objectives file of this name and content; raises EdgeError if it would not be followed."""
 
 
 class Pace(NamedTuple):
@@ -46,7 +46,7 @@ class Proposal:
         self.session = order.session
         self.held_until_s = now_s + HOLD_S
         self.commit_tick: int | None = None
-        self.plan: Plan | None = None
+        self.guide: Guide | None = None
         """What is to be followed, once it is accepted."""
         self.complaint = ""
         """Why it is refused."""
@@ -60,7 +60,7 @@ class Proposal:
         """How far it has come."""
         if self.complaint:
             return "refused"
-        if self.plan is None:
+        if self.guide is None:
             return "checking"
         return "accepted" if self.commit_tick is None else "committed"
 
@@ -71,13 +71,13 @@ class Proposal:
     def _check(self) -> None:
         order = self._order
         try:
-            plan = self._prepare(order.file, order.content)
+            guide = self._prepare(order.file, order.content)
         except EdgeError as error:
             self.complaint = str(error)
         except Exception as error:  # noqa: BLE001  # a user's objective may fail in any way
             self.complaint = f"{order.file}: {type(error).__name__}: {error}"
         else:
-            self.plan = replace(plan, version=order.version, session=order.session)
+            self.guide = replace(guide, version=order.version)
 
 
 class Orders:
@@ -86,17 +86,18 @@ class Orders:
     Args:
         robot_id: of this robot.
         boot_id: of this run, a random number.
-        plan: what it follows from the start.
+        guide: what it follows from the start.
         prepare: see `Prepare`; called in a thread.
     """
 
-    def __init__(self, robot_id: int, boot_id: int, plan: Plan, prepare: Prepare) -> None:
-        self.plan = plan
+    def __init__(self, robot_id: int, boot_id: int, guide: Guide, prepare: Prepare) -> None:
+        self.guide = guide
         """What the robot follows."""
         self.stop_reason = ""
         """Why the run is to end; never taken back."""
         self._robot_id, self._boot_id, self._prepare = robot_id, boot_id, prepare
         self._proposal: Proposal | None = None
+        self._session = 0  # of the operator whose objectives these are; 0 for none
         sys.setswitchinterval(SWITCH_S)
 
     def take(self, order: Order, now_s: float) -> str:
@@ -117,7 +118,7 @@ class Orders:
         proposal = self._proposal if self._proposal and self._proposal.session == order.session else None
         if isinstance(order, Stop):
             self.stop_reason = STOPPED
-        elif isinstance(order, Propose) and proposal is None and order.session != self.plan.session:
+        elif isinstance(order, Propose) and proposal is None and order.session != self._session:
             return self._consider(order, now_s)
         elif isinstance(order, Commit) and proposal and proposal.stage == "accepted":
             proposal.commit_tick = order.tick
@@ -125,32 +126,34 @@ class Orders:
             self._proposal = None
         return ""
 
-    def heard(self, teammate: Following) -> None:
+    def heard(self, teammate: GuideVersions) -> None:
         """Learn from a teammate's frame whether what was accepted is committed, or followed already."""
         proposal = self._proposal
-        if proposal is None or proposal.plan is None or proposal.commit_tick is not None:
+        if proposal is None or proposal.guide is None or proposal.commit_tick is not None:
             return
-        if teammate.next_tick and teammate.next_digest == proposal.plan.digest:
+        if teammate.next_tick and teammate.next_digest == proposal.guide.digest:
             proposal.commit_tick = teammate.next_tick
-        elif (teammate.version, teammate.digest) == (proposal.plan.version, proposal.plan.digest):
+        elif (teammate.version, teammate.digest) == (proposal.guide.version, proposal.guide.digest):
             proposal.commit_tick = 1
 
     def change(self, tick: int) -> bool:
-        """Follow what is committed to this tick or an earlier one; whether that changed the plan."""
+        """Follow what is committed to this tick or an earlier one; whether that changed the guide."""
         proposal = self._proposal
-        if proposal is None or proposal.plan is None or proposal.commit_tick is None:
+        if proposal is None or proposal.guide is None or proposal.commit_tick is None:
             return False
         if tick < proposal.commit_tick:
             return False
-        self.plan, self._proposal = proposal.plan, None
+        self.guide, self._session, self._proposal = proposal.guide, proposal.session, None
         return True
 
-    def following(self) -> Following:
+    def versions(self) -> GuideVersions:
         """Say what the robot follows, and what it is committed to."""
         proposal = self._proposal
-        if proposal is None or proposal.plan is None or proposal.commit_tick is None:
-            return Following(self.plan.version, self.plan.digest)
-        return Following(self.plan.version, self.plan.digest, proposal.plan.digest, proposal.commit_tick)
+        if proposal is None or proposal.guide is None or proposal.commit_tick is None:
+            return GuideVersions(self.guide.version, self.guide.digest)
+        return GuideVersions(
+            self.guide.version, self.guide.digest, proposal.guide.digest, proposal.commit_tick
+        )
 
     def standing(self, order: Order, complaint: str, now_s: float, pace: Pace, stop_reason: str) -> Standing:
         """Answer an order."""
@@ -164,8 +167,8 @@ class Orders:
             pace.tick,
             pace.rate_hz,
             pace.nominal_rate_hz,
-            self.plan.version,
-            self.plan.digest,
+            self.guide.version,
+            self.guide.digest,
             "refused" if complaint else stage,
             complaint or why,
             stop_reason or self.stop_reason,
@@ -175,12 +178,12 @@ class Orders:
     def _consider(self, order: Propose, now_s: float) -> str:
         if self._proposal and self._proposal.keeps_out(now_s):
             return "another operator's objectives are on their way"
-        if order.version <= self.plan.version:
-            return f"version {order.version} is not above {self.plan.version}, which it follows"
+        if order.version <= self.guide.version:
+            return f"version {order.version} is not above {self.guide.version}, which it follows"
         self._proposal = Proposal(order, self._prepare, now_s)
         return ""
 
     def _stage(self, session: int) -> tuple[Stage, str]:
         if self._proposal and self._proposal.session == session:
             return self._proposal.stage, self._proposal.complaint
-        return ("applied" if self.plan.session == session else "none"), ""
+        return ("applied" if self._session == session else "none"), ""

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from edge_runtime.messages import RobotState, Teammate, Vector2
 from edge_runtime.network.session import Session, random_nonce
-from edge_runtime.network.team_wire import Following, Frame
+from edge_runtime.network.team_wire import Frame, GuideVersions
 
 
 class Peer(Session[Frame]):
@@ -35,7 +35,7 @@ class Peer(Session[Frame]):
         state: RobotState,
         action: Vector2,
         tick: int,
-        following: Following,
+        versions: GuideVersions,
         *,
         listens: bool,
     ) -> Frame:
@@ -50,5 +50,5 @@ class Peer(Session[Frame]):
             action,
             listens,
             tick,
-            following,
+            versions,
         )

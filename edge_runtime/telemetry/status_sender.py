@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from edge_runtime.common.key_file import read_key
-from edge_runtime.config.fleet import Steering
 from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
+from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status, encode
@@ -33,7 +33,7 @@ UNITS: Final = {"_m_s": "m/s", "_m": "m", "_rad": "rad", "_s": "s"}
 class Watch(Protocol):
     """Whom a robot tells of itself."""
 
-    def adopt(self, steering: Steering, version: int) -> None:
+    def adopt(self, guide: Guide) -> None:
         """Take note of what steers from here on."""
         ...
 
@@ -49,7 +49,7 @@ class Watch(Protocol):
 class Unwatched:
     """Nobody."""
 
-    def adopt(self, steering: Steering, version: int) -> None:
+    def adopt(self, guide: Guide) -> None:
         """Tell nobody."""
 
     def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
@@ -88,19 +88,17 @@ class StatusSender:
         self._address, self._key, self._clock = address, key, clock
         self._window_ticks = max(1, round(WINDOW_S * mission.rate_hz))
         self._started_s, self._sequence, self._due_s = time.time(), 0, clock()
-        self.adopt(mission.steering, 0)
+        self.adopt(mission.guide())
         self._socket = socket.socket(
             socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM
         )
         self._socket.setblocking(False)
 
-    def adopt(self, steering: Steering, version: int) -> None:
+    def adopt(self, guide: Guide) -> None:
         """Take note of what steers from here on."""
-        wanted, scale = steering.objectives, steering.guidance.scale if self._mission.guided else 0.0
-        self._version = version
-        self._asked = [
-            (item.name, limit_text(item)) for item in wanted if scale * item.weight > 0.0
-        ]  # in the order of a sample's costs
+        self._version = guide.version
+        self._asked = [(item.name, limit_text(item)) for item in guide.objectives]
+        wanted = guide.asked.objectives  # judged also where the flow is left alone
         self._speed_limit = min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None)
         self._margin = max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None)
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from doc_pages import PAGES, PROGRAMS, ROOT, blocks, commands, program
 
-from edge_runtime.config.fleet import load_fleet, load_steering
+from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import check_gradient
 
@@ -66,7 +67,7 @@ def test_the_objectives_files_load_and_the_own_objective_passes_its_check(tmp_pa
     page = ROOT / "docs" / "objective.md"
     for text, names in zip(blocks(page, "toml"), OBJECTIVES, strict=True):
         (tmp_path / "mine.toml").write_text(text)
-        assert tuple(o.name for o in load_steering(tmp_path / "mine.toml").objectives) == names
+        assert tuple(o.name for o in load_objective_set(tmp_path / "mine.toml").objectives) == names
     names = {"__name__": "stay_north", "check_gradient": check_gradient}
     for code in blocks(page, "python"):
         exec(compile(code, "objective.md", "exec"), names)  # noqa: S102

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from paths import ROOT
 
-from edge_runtime.config.fleet import load_steering
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.objectives.gradient_check import GradientReport
 
@@ -26,16 +26,16 @@ def test_the_objective_of_ones_own_passes_its_check(tmp_path, capsys):
     assert GradientReport.__name__ in capsys.readouterr().out
     (tmp_path / "stay_north.py").write_text(objective)
     (tmp_path / "mine.toml").write_text('[[objectives]]\ntype = "stay_north:StayNorth"\nline_m = 0.1\n')
-    (loaded,) = load_steering(tmp_path / "mine.toml").objectives
+    (loaded,) = load_objective_set(tmp_path / "mine.toml").objectives
     assert (loaded.name, loaded.line_m) == ("stay_north", 0.1)
 
 
 def test_the_objectives_file_loads(tmp_path):
     (text,) = blocks("toml")
     (tmp_path / "slow.toml").write_text(text)
-    steering = load_steering(tmp_path / "slow.toml")
-    assert [type(objective) for objective in steering.objectives] == [SpeedLimit, SafetyMargin]
-    assert steering.guidance == type(steering.guidance)()
+    asked = load_objective_set(tmp_path / "slow.toml")
+    assert [type(objective) for objective in asked.objectives] == [SpeedLimit, SafetyMargin]
+    assert asked.guidance == type(asked.guidance)()
 
 
 GUIDANCE = {

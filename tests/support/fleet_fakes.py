@@ -7,8 +7,9 @@ from pathlib import Path
 
 from bundles import MANIFEST
 
-from edge_runtime.config.fleet import Steering, parse_steering
-from edge_runtime.guidance.plan import make_plan
+from edge_runtime.config.objectives import parse_objective_set
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.udp import Datagram
 from edge_runtime.team.link import NetworkTeam, TeamRules
@@ -67,10 +68,10 @@ class MemoryCarrier:
 class World:
     """Robots on a line, one metre apart, that tick one after the other."""
 
-    def __init__(self, count, network=None, neighbours=None, steering=None, **rules):
+    def __init__(self, count, network=None, neighbours=None, asked=None, **rules):
         self.now_s, self.count = 100.0, count
         self.network = network or Network()
-        self.neighbours, self.rules, self.steering = neighbours or {}, rules, steering or {}
+        self.neighbours, self.rules, self.asked = neighbours or {}, rules, asked or {}
         self.position = {robot_id: (float(robot_id), 0.0) for robot_id in range(count)}
         self.teams = {robot_id: self.make(robot_id) for robot_id in range(count)}
         self.offset_s = {robot_id: 1000.0 * robot_id for robot_id in range(count)}
@@ -89,13 +90,13 @@ class World:
         )
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
         carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
-        plan = make_plan(self.steering.get(robot_id, Steering()), MANIFEST)
-        desk = OrderDesk(Orders(robot_id, nonce(), plan, self.plan_of), key, carrier, 1 / PERIOD_S)
+        guide = make_guide(self.asked.get(robot_id, ObjectiveSet()), MANIFEST.dynamics)
+        desk = OrderDesk(Orders(robot_id, nonce(), guide, self.guide_of), key, carrier, 1 / PERIOD_S)
         streams, clock = Streams(robot_id, None, None, key), lambda: self.clock(robot_id)
         return NetworkTeam(robot_id, others, rules, carrier, key, desk, streams, clock, nonce)
 
-    def plan_of(self, file, content):
-        return make_plan(parse_steering(content, Path(file)), MANIFEST)
+    def guide_of(self, file, content):
+        return make_guide(parse_objective_set(content, Path(file)), MANIFEST.dynamics)
 
     def clock(self, robot_id):
         return self.now_s + self.offset_s[robot_id]

@@ -53,7 +53,7 @@ def show(record):
 
 def main(fleet_file, robot_id, loss):
     fleet = load_fleet(Path(fleet_file))
-    mission = Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
+    mission = Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.objective_set, 50.0)
     grid = DeadlineGrid(mission.period_s)
     with StopSignals() as signals, open_fleet(mission, LocalTeam(None)) as link:
         link._carrier = link._desk._carrier = Lossy(link._carrier, loss, robot_id)
@@ -64,8 +64,8 @@ def main(fleet_file, robot_id, loss):
             team = link.team(link.locate(own))
             link.share(own, Command(robot_id, 0, own.stamp_s, (0.0, 0.0), (0.0, 0.0)))
             newest = {other: peer.newest.sequence for other, peer in link._peers.items() if peer.newest}
-            if plan := link.new_plan():
-                version = plan.version
+            if guide := link.new_guide():
+                version = guide.version
             mates = [mate.state.robot_id for mate in team.teammates]
             show({"mates": mates, "newest": newest, "tick": link.tick, "version": version})
         show(link.report())

@@ -24,7 +24,7 @@ UNREACHABLE = 2**40
 
 def mission(path, robot_id=0):
     fleet = load_fleet(path)
-    return Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
+    return Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.objective_set, 50.0)
 
 
 def robot(robot_id, extra=""):

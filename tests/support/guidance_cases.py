@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import (
@@ -30,6 +32,11 @@ WISHES = [
     Spacing(distance_m=0.3, weight=0.4),
     Clustering(radius_m=0.2, weight=2.0),
 ]
+
+
+def guide_for(objectives, dynamics=DYNAMICS, **settings) -> Guide:
+    """Objectives made ready for a robot, with these guidance settings."""
+    return make_guide(ObjectiveSet(tuple(objectives), GuidanceSettings(**settings)), dynamics)
 
 
 def random_team(draw, teammates=3) -> TeamState:

@@ -6,10 +6,10 @@ from msgspec.structs import replace
 
 from edge_runtime.recording.log_file import LogFile
 from edge_runtime.recording.reader import Damage, read_log
-from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, ObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, LoggedObjectiveSet, Start, Tick
 from edge_runtime.run.edge_run import main
 
-TOPICS = {Start: "start", ObjectiveSet: "objectives", Event: "events", End: "end"}
+TOPICS = {Start: "start", LoggedObjectiveSet: "objectives", Event: "events", End: "end"}
 
 
 def record(folder, *flags):

@@ -5,17 +5,8 @@ objectives, if the rest of the team outweighs it. It takes everybody's gradients
 that decide on their own do not have: for comparison only.
 """
 
-from functools import partial
-
 from edge_runtime.guidance.projection import BatchCombine
-from edge_runtime.guidance.settings import Guide
 from edge_runtime.motion.outlook import Floats
-
-
-def jointly(robots: int, guide: Guide) -> Guide:
-    """Have a guide's projection act on the joint vectors of teams of N = ``robots``."""
-    guide.combine_batch = partial(combine_teams, guide.combine_batch, robots)
-    return guide
 
 
 def combine_teams(

@@ -9,7 +9,8 @@ from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
 from edge_runtime.guidance.batch import guided_actions
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
@@ -25,7 +26,7 @@ def guided_by_own_mass(
     """
     kinds = sorted(set(masses_kg))
     dynamics = [msgspec.structs.replace(bundle.manifest.dynamics, mass_kg=mass) for mass in kinds]
-    guides = [Guide(settings, objectives, own) for own in dynamics]
+    guides = [make_guide(ObjectiveSet(objectives, settings), own) for own in dynamics]
 
     def prepare(batch: int) -> Decide:
         mass = np.resize(masses_kg, batch)

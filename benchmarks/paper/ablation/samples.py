@@ -15,7 +15,8 @@ from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
 from edge_runtime.guidance.batch import guided_actions
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
@@ -37,7 +38,7 @@ def best_of(
         team: N, the robots of a team that chooses together; None where each robot chooses for itself.
         bundle: the policy.
     """
-    guide = Guide(settings, objectives, bundle.manifest.dynamics)
+    guide = make_guide(ObjectiveSet(objectives, settings), bundle.manifest.dynamics)
     low, high = ([getattr(field, end) for field in bundle.manifest.action] for end in ("low", "high"))
 
     def prepare(batch: int) -> Decide:

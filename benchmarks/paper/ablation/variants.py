@@ -6,12 +6,13 @@ from functools import partial
 
 import msgspec
 
-from benchmarks.paper.ablation.joint import jointly
+from benchmarks.paper.ablation.joint import combine_teams
 from benchmarks.paper.ablation.priorities import all_preferred, all_required
 from benchmarks.paper.ablation.samples import best_of
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.methods import guided, post_processed
 from benchmarks.paper.tasks import Task
+from edge_runtime.guidance.projection import hierarchical_batch
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import Objective
 from export.scenarios import scenario_facts
@@ -64,10 +65,9 @@ class Reference:
         who = replace(self.who, mode=named(name, self.who), make=make)
         return Variant(name, reason, who, **changes)
 
-    def shaped(self, name: str, reason: str, shape: Callable[..., object], **settings: object) -> Variant:
-        """The reference with a guide that is reshaped, or other settings."""
-        changed = msgspec.structs.replace(self.settings, **settings)
-        return self.variant(name, reason, partial(guided, changed, self.objectives, shape=shape))
+    def shaped(self, name: str, reason: str, shape: Callable[..., object]) -> Variant:
+        """The reference with a guide that is reshaped."""
+        return self.variant(name, reason, partial(guided, self.settings, self.objectives, shape=shape))
 
     def set(self, name: str, reason: str, **settings: object) -> Variant:
         """The reference with other settings."""
@@ -114,11 +114,15 @@ def projections(ref: Reference) -> list[Variant]:
             "The flow left alone and its action corrected: what guidance along the flow adds.",
             scale=VANISHING,
         ),
-        ref.shaped(
+        ref.variant(
             "joint hierarchical",
             "Eqs. 14 and 15 on the team's joint action, as the paper writes them; compare with hierarchical.",
-            partial(jointly, ref.robots),
-            mode="hierarchical",
+            partial(
+                guided,
+                msgspec.structs.replace(ref.settings, mode="hierarchical"),
+                ref.objectives,
+                combine=partial(combine_teams, hierarchical_batch, ref.robots),
+            ),
         ),
     ]
 

@@ -10,8 +10,9 @@ from typing import Final
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import read_settings, refuse
-from edge_runtime.config.fleet import Fleet, load_fleet, parse_steering
+from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import endpoint
+from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.network.order_wire import FILE_BYTES, Standing
 from edge_runtime.tools.ctl.operator_link import OperatorLink
@@ -140,7 +141,7 @@ def _read_objectives(path: Path) -> bytes:
     content = read_settings(path)
     if len(content) > FILE_BYTES:
         refuse(path, "", f"has {len(content)} bytes; robots take at most {FILE_BYTES}")
-    parse_steering(content, path)
+    parse_objective_set(content, path)
     return content
 
 

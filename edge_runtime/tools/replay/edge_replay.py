@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.common.command_line import CommandParser, need
-from edge_runtime.config.fleet import Steering, load_steering
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.errors import BundleError, ConfigError, EdgeError
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
 from edge_runtime.recording.reader import Damage, read_log
-from edge_runtime.recording.schema import ObjectiveSet, Record, Start, Tick
+from edge_runtime.recording.schema import LoggedObjectiveSet, Record, Start, Tick
 from edge_runtime.tools.replay.question import Answer, speeds_m_s
-from edge_runtime.tools.replay.replay import Difference, Replay, recorded_policy, recorded_steering
+from edge_runtime.tools.replay.replay import Difference, Replay, recorded_objectives, recorded_policy
 
 DESCRIPTION: Final = """\
 Make every decision of a run again from its log, and compare it bit for bit: the observation of each state,
@@ -72,11 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-replay``; returns the exit code."""
     try:
         flags = make_parser().parse_args(arguments)
-        steering = load_steering(flags.objectives) if flags.objectives else None
+        instead = load_objective_set(flags.objectives) if flags.objectives else None
         asked = load_bundle(flags.policy) if flags.policy else None
         if flags.picture:
             _check_picture(flags)
-        verdicts = [_replay(path, asked, steering) for path in flags.logs]
+        verdicts = [_replay(path, asked, instead) for path in flags.logs]
         for verdict in verdicts:
             print(_text(verdict, flags))
             if flags.picture:
@@ -87,19 +88,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if any(verdict.differing or verdict.damage for verdict in verdicts) else 0
 
 
-def _replay(path: Path, asked: Bundle | None, steering: Steering | None) -> Verdict:
+def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None) -> Verdict:
     verdict, replay = Verdict(path), None
     for record in _with_progress(read_log(path), path):
         if isinstance(record, Start):
             verdict.start = record
             bundle = asked or _recorded_bundle(record, path)
             replay = Replay(record, bundle, recorded_policy(record, bundle))
-            if steering is not None or bundle.sha256 != record.bundle.sha256:
+            if instead is not None or bundle.sha256 != record.bundle.sha256:
                 verdict.answer = Answer(record)
-            if steering is not None:
-                replay.steer(steering.guidance, steering.objectives)
-        elif isinstance(record, ObjectiveSet) and replay is not None and steering is None:
-            replay.steer(*recorded_steering(record, path))
+            if instead is not None:
+                replay.follow(instead)
+        elif isinstance(record, LoggedObjectiveSet) and replay is not None and instead is None:
+            replay.follow(recorded_objectives(record, path))
         elif isinstance(record, Tick) and replay is not None:
             _judge(verdict, record, replay)
         elif isinstance(record, Damage):

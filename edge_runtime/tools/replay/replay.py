@@ -12,11 +12,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.config.fleet import make_steering
+from edge_runtime.config.objectives import make_objective_set
 from edge_runtime.control.limits import Limits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation.observer import Observer
@@ -25,7 +26,7 @@ from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
 from edge_runtime.policy.numpy_policy import VelocityField
 from edge_runtime.recording.json_codec import encode
-from edge_runtime.recording.schema import LoggedObjective, ObjectiveSet, Observation, Start, Tick
+from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, Observation, Start, Tick
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -59,11 +60,11 @@ class Replay:
         self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m)
         self._policy, self._dynamics = policy, bundle.manifest.dynamics
         self._limits = _limits(start, bundle)
-        self._guide = Guide(GuidanceSettings(), (), self._dynamics)
+        self._guide = make_guide(ObjectiveSet(), self._dynamics)
 
-    def steer(self, settings: GuidanceSettings, objectives: tuple[Objective, ...]) -> None:
+    def follow(self, asked: ObjectiveSet) -> None:
         """Follow these objectives from here on."""
-        self._guide = Guide(settings, objectives, self._dynamics)
+        self._guide = make_guide(asked, self._dynamics)
 
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""
@@ -116,21 +117,22 @@ def recorded_policy(start: Start, bundle: Bundle) -> VelocityField:
     return bundle.field(next((known for known in BACKENDS if known == backend), "auto"))
 
 
-def recorded_steering(chosen: ObjectiveSet, path: Path) -> tuple[GuidanceSettings, tuple[Objective, ...]]:
+def recorded_objectives(chosen: LoggedObjectiveSet, path: Path) -> ObjectiveSet:
     """The settings and active objectives of a log's set; ``path`` is the log's name.
 
     Raises:
         ConfigError: if an own objective cannot be imported from where it was, or has other fields now.
     """
     guidance = {name: getattr(chosen, name) for name in GuidanceSettings.__struct_fields__}
-    settings = make_steering({"guidance": guidance}, path).guidance
-    return settings, tuple(_objective(logged, path) for logged in chosen.objectives if logged.active)
+    settings = make_objective_set({"guidance": guidance}, path).guidance
+    active = tuple(_objective(logged, path) for logged in chosen.objectives if logged.active)
+    return ObjectiveSet(active, settings)
 
 
 def _objective(logged: LoggedObjective, path: Path) -> Objective:
     table = {**msgspec.json.decode(logged.parameters), "type": logged.kind}
     beside = Path(logged.folder) / path.name if logged.folder else path
-    (objective,) = make_steering({"objectives": [table]}, beside).objectives
+    (objective,) = make_objective_set({"objectives": [table]}, beside).objectives
     return objective
 
 

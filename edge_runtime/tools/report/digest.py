@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.recording.schema import End, Event, ObjectiveSet, Record, StageTimes, Start, Tick
+from edge_runtime.recording.schema import End, Event, LoggedObjectiveSet, Record, StageTimes, Start, Tick
 from edge_runtime.tools.report.page.chart import Floats
 
 STAGES = StageTimes.__struct_fields__
@@ -18,7 +18,7 @@ class RunDigest:
     """T ticks of one robot; what a tick did not have is NaN."""
 
     start: Start
-    sets: tuple[tuple[float, ObjectiveSet], ...]
+    sets: tuple[tuple[float, LoggedObjectiveSet], ...]
     """(time, what steered from then on)."""
     events: tuple[Event, ...]
     end: End | None
@@ -86,13 +86,13 @@ def digest(records: Iterable[Record], name: str) -> RunDigest:
     """
     start: Start | None = None
     end: End | None = None
-    sets: list[tuple[float, ObjectiveSet]] = []
+    sets: list[tuple[float, LoggedObjectiveSet]] = []
     events: list[Event] = []
     columns, objectives, now_s = _Columns(), list[str](), 0.0
     for record in records:
         if isinstance(record, Start):
             start, now_s = start or record, record.started_unix_s
-        elif isinstance(record, ObjectiveSet):
+        elif isinstance(record, LoggedObjectiveSet):
             if not sets or sets[-1][1] != record:
                 sets.append((columns.time_s[-1] if columns.time_s else now_s, record))
             objectives = active_names(record)
@@ -107,7 +107,7 @@ def digest(records: Iterable[Record], name: str) -> RunDigest:
     return _arranged(start, tuple(sets), tuple(events), end, columns)
 
 
-def active_names(chosen: ObjectiveSet) -> list[str]:
+def active_names(chosen: LoggedObjectiveSet) -> list[str]:
     """Names of the objectives that steer, in the order of a sample's costs, each its own."""
     names = [item.name for item in chosen.objectives if item.active]
     return [
@@ -118,7 +118,7 @@ def active_names(chosen: ObjectiveSet) -> list[str]:
 
 def _arranged(
     start: Start,
-    sets: tuple[tuple[float, ObjectiveSet], ...],
+    sets: tuple[tuple[float, LoggedObjectiveSet], ...],
     events: tuple[Event, ...],
     end: End | None,
     columns: _Columns,

@@ -73,7 +73,7 @@ class WorldProcess:
         headings = [station.heading_rad for station in spec.stations]
         self._world = World(manifests, starts, headings, spec.ahead_m, STEP_S)
         goals = [station.goal_m for station in spec.stations]
-        self._truth = Truth(self._world, goals, fleet.steering.objectives, STEP_S)
+        self._truth = Truth(self._world, goals, fleet.objective_set.objectives, STEP_S)
         self._pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
         pace = Pace(spec.rate_hz, 1.0 / (self._pose_steps * STEP_S), spec.duration_s)
         self._nodes = [make_node(spec.bridge, station, pace) for station in spec.stations]

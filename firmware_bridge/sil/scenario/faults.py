@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeAlias, cast, get_args
 import msgspec
 
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
-from edge_runtime.config.fleet import load_steering
+from edge_runtime.config.objectives import load_objective_set
 
 MOST_HOGS: Final = 64
 LARGEST: Final = 1e7
@@ -265,7 +265,7 @@ def load_faults(path: Path, robots: Sequence[int], duration_s: float, bridge: st
         if isinstance(fault, NanPose) and bridge == "can":
             refuse(path, f"{key}.kind", "CAN frames are integers and carry no NaN; use --bridge mavlink")
         if isinstance(fault, Objectives):
-            load_steering(path.parent / fault.file)
+            load_objective_set(path.parent / fault.file)
             fault = msgspec.structs.replace(fault, file=str((path.parent / fault.file).resolve()))
         faults.append(fault)
     return tuple(sorted(faults, key=lambda fault: fault.at_s))

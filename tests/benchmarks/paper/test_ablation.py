@@ -14,7 +14,7 @@ from benchmarks.paper.ablation import ablation_command as ablation
 from benchmarks.paper.ablation.ablation_command import all_variants, question
 from benchmarks.paper.ablation.ablation_page import ablation_table, write_ablation
 from benchmarks.paper.ablation.circumstances import MASSES_KG
-from benchmarks.paper.ablation.joint import combine_teams, jointly
+from benchmarks.paper.ablation.joint import combine_teams
 from benchmarks.paper.ablation.mixed_team import guided_by_own_mass
 from benchmarks.paper.ablation.priorities import all_preferred, all_required
 from benchmarks.paper.ablation.samples import action_costs, best_of, cheapest, mates_actions
@@ -29,8 +29,9 @@ from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.batch import action_slopes
+from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.projection import hierarchical_batch
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.policy.bundle import packaged_bundle
 from export.scenarios import make_scenario
@@ -123,11 +124,11 @@ def test_joint_projection_acts_on_the_concatenated_team():
     assert not np.allclose(joint, hierarchical_batch(gradients, factors, nominal))
 
 
-def test_joint_projection_is_taken_by_the_guide():
-    guide = Guide(GuidanceSettings(mode="hierarchical"), NAVIGATION.objectives, dynamics("navigation"))
+def test_joint_projection_guides_the_whole_team():
+    joint = by_name("navigation")["joint hierarchical"].who.make
     gradients, factors, nominal = random_directions(4)
-    joint = jointly(4, guide).combine_batch(gradients, factors, nominal)
-    assert joint == pytest.approx(combine_teams(hierarchical_batch, 4, gradients, factors, nominal))
+    found = joint.keywords["combine"](gradients, factors, nominal)
+    assert found == pytest.approx(combine_teams(hierarchical_batch, 4, gradients, factors, nominal))
 
 
 def dynamics(task):
@@ -136,7 +137,7 @@ def dynamics(task):
 
 def balance_guide():
     task = TASKS["balance"]
-    return Guide(GuidanceSettings(), (*task.objectives, *task.deconfliction), dynamics("balance"))
+    return make_guide(ObjectiveSet((*task.objectives, *task.deconfliction)), dynamics("balance"))
 
 
 def test_priorities_can_be_levelled_either_way():
@@ -145,7 +146,6 @@ def test_priorities_can_be_levelled_either_way():
     required, preferred = all_required(balance_guide()), all_preferred(balance_guide())
     assert (required.preferences, required.requirements) == ((), (0, 1, 2))
     assert (preferred.preferences, preferred.requirements) == ((0, 1, 2), ())
-    assert preferred.preference_weights == tuple(o.weight for o in usual.objectives)
 
 
 def test_the_cheapest_sample_is_chosen_by_each_robot_or_by_the_team():
@@ -161,7 +161,9 @@ def some_views(episodes=3, robots=4, seed=0):
 
 
 def test_costs_are_those_whose_slopes_guide():
-    guide = Guide(GuidanceSettings(mode="none"), NAVIGATION.objectives, dynamics("navigation"))
+    guide = make_guide(
+        ObjectiveSet(NAVIGATION.objectives, GuidanceSettings(mode="none")), dynamics("navigation")
+    )
     views = some_views()
     outlooks = [look_ahead_batch(views, preview) for preview in guide.previews]
     action, step = np.random.default_rng(1).uniform(-1, 1, (12, 2)), 1e-6

@@ -26,7 +26,8 @@ from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.batch import action_slopes
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
@@ -161,9 +162,11 @@ def test_a_lost_message_leaves_what_was_heard_last():
 def scene(count=200, seed=0):
     """Random actions of one robot amid three, their guide and what it sees."""
     draw = np.random.default_rng(seed)
-    guide = Guide(
-        GuidanceSettings(mode="none", scale=1.0),
-        (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)),
+    guide = make_guide(
+        ObjectiveSet(
+            (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)),
+            GuidanceSettings(mode="none", scale=1.0),
+        ),
         DYNAMICS,
     )
     seen = views(draw.uniform(-0.4, 0.4, (count, 4, 2)), draw.uniform(-0.3, 0.3, (count, 4, 2)))
@@ -194,8 +197,9 @@ def test_projected_descent_lowers_the_costs_and_stays_near_the_policys_action():
 
 
 def test_a_shield_reaches_the_safe_set_of_one_objective_at_the_nearest_action():
-    guide = Guide(
-        GuidanceSettings(mode="none", scale=1.0), (SpeedLimit(limit_m_s=0.3, buffer_m_s=0.0),), DYNAMICS
+    guide = make_guide(
+        ObjectiveSet((SpeedLimit(limit_m_s=0.3, buffer_m_s=0.0),), GuidanceSettings(mode="none", scale=1.0)),
+        DYNAMICS,
     )
     seen = views(np.zeros((1, 1, 2)), np.array([[[0.5, 0.0]]]))
     outlooks = [look_ahead_batch(seen, preview) for preview in guide.previews]

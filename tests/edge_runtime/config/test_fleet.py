@@ -2,8 +2,9 @@
 
 import pytest
 
-from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet, load_steering
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.config.network import CarrierSettings
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
@@ -50,35 +51,35 @@ def test_the_built_in_fleet():
     fleet = load_fleet(DEFAULT_FLEET)
     assert [robot.id for robot in fleet.robots] == [0, 1, 2, 3]
     assert fleet.team.policy == "navigation"
-    assert fleet.steering.objectives == (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25))
+    assert fleet.objective_set.objectives == (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25))
 
 
 def test_a_fleet_of_defaults(write):
     fleet = load_fleet(write(ROBOTS))
     assert fleet.robot(3).goal_m == (1.0, 0.5)
     assert fleet.team.rate_hz is None
-    assert fleet.steering.objectives == ()
-    assert fleet.steering.guidance == GuidanceSettings()
+    assert fleet.objective_set.objectives == ()
+    assert fleet.objective_set.guidance == GuidanceSettings()
 
 
 def test_objectives_with_guidance(write):
     objective = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 1\nweight = 2\n'
-    steering = load_steering(write(objective + '[guidance]\nmode = "none"\nscale = 3'))
-    assert steering.objectives == (SpeedLimit(limit_m_s=1.0, weight=2.0),)
-    assert steering.guidance == GuidanceSettings(mode="none", scale=3.0)
+    asked = load_objective_set(write(objective + '[guidance]\nmode = "none"\nscale = 3'))
+    assert asked.objectives == (SpeedLimit(limit_m_s=1.0, weight=2.0),)
+    assert asked.guidance == GuidanceSettings(mode="none", scale=3.0)
 
 
 def test_an_own_objective_beside_its_file(write, tmp_path):
     (tmp_path / "my_rules.py").write_text(OWN)
     path = write('[[objectives]]\ntype = "my_rules:KeepLeft"\nborder_m = 0.5')
-    (objective,) = load_steering(path).objectives
+    (objective,) = load_objective_set(path).objectives
     assert (type(objective).__name__, objective.border_m) == ("KeepLeft", 0.5)
     path = write('[[objectives]]\ntype = "my_rules:Else"')
-    assert complaint(load_steering, path) == (
+    assert complaint(load_objective_set, path) == (
         "objectives[0].type: 'my_rules:Else' is not a subclass of edge_runtime.objectives.Objective"
     )
     path = write('[[objectives]]\ntype = "my_rules:KeepRight"')
-    assert complaint(load_steering, path).startswith(
+    assert complaint(load_objective_set, path).startswith(
         "objectives[0].type: cannot import 'my_rules:KeepRight' ("
     )
 
@@ -289,7 +290,7 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
     ],
 )
 def test_objectives_that_do_not_hold_together(write, text, expected):
-    assert complaint(load_steering, write(text)).startswith(expected)
+    assert complaint(load_objective_set, write(text)).startswith(expected)
 
 
 def test_files_that_cannot_be_read(tmp_path):

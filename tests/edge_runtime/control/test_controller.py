@@ -5,9 +5,9 @@ from pathlib import Path
 from bundles import MANIFEST
 from networks import random_weights
 
-from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
-from edge_runtime.guidance.settings import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.policy.bundle import Bundle
 
@@ -15,9 +15,9 @@ TEAM = TeamState(RobotState(0, 1.0, (0.0, 0.0), (0.0, 0.0)))
 
 
 def first_actions(seed, start_noise, robot_id=0):
-    steering = Steering((), GuidanceSettings(start_noise=start_noise))
+    asked = ObjectiveSet((), GuidanceSettings(start_noise=start_noise))
     bundle = Bundle(MANIFEST, random_weights(), Path())
-    mission = Mission(0, load_fleet(DEFAULT_FLEET), bundle, steering, 10.0, seed)
+    mission = Mission(0, load_fleet(DEFAULT_FLEET), bundle, asked, 10.0, seed)
     controller = mission.controllers()[robot_id]
     return [controller.decide(TEAM, 1.0).action for _ in range(3)]
 
@@ -42,18 +42,18 @@ def test_robots_draw_their_own_noise():
 def test_the_newest_command_is_kept():
     bundle = Bundle(MANIFEST, random_weights(), Path())
     fleet = load_fleet(DEFAULT_FLEET)
-    controller = Mission(0, fleet, bundle, fleet.steering, 10.0).controllers()[0]
+    controller = Mission(0, fleet, bundle, fleet.objective_set, 10.0).controllers()[0]
     command = controller.decide(TEAM, 1.0)
     assert controller.command is command
     assert controller.decide(TEAM, 1.0).sequence == command.sequence + 1
 
 
 def test_a_rehearsal_leaves_no_trace():
-    steering = Steering((), GuidanceSettings(start_noise=0.5))
+    asked = ObjectiveSet((), GuidanceSettings(start_noise=0.5))
     bundle = Bundle(MANIFEST, random_weights(), Path())
 
     def actions(rehearsals):
-        controller = Mission(0, load_fleet(DEFAULT_FLEET), bundle, steering, 10.0).controllers()[0]
+        controller = Mission(0, load_fleet(DEFAULT_FLEET), bundle, asked, 10.0).controllers()[0]
         for _ in range(rehearsals):
             controller.rehearse()
         return [controller.decide(TEAM, 1.0).action for _ in range(2)]

@@ -35,7 +35,7 @@ def team(tmp_path):
 
 def mission(path):
     fleet = load_fleet(path)
-    return Mission(0, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
+    return Mission(0, fleet, Bundle(MANIFEST, None, Path()), fleet.objective_set, 50.0)
 
 
 def local():

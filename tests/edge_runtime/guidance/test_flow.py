@@ -8,12 +8,22 @@ from typing import ClassVar, get_args
 import numpy as np
 import pytest
 import scipy.integrate
-from guidance_cases import DYNAMICS, OBJECTIVES, UNIT, WISHES, Quadratic, gaussian_flow, random_team
+from guidance_cases import (
+    DYNAMICS,
+    OBJECTIVES,
+    UNIT,
+    WISHES,
+    Quadratic,
+    gaussian_flow,
+    guide_for,
+    random_team,
+)
 from networks import random_weights
 
 from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide, Mode
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.outlook import TeamBatch
 from edge_runtime.objectives import (
@@ -57,7 +67,7 @@ def test_batch_and_single_agree(mode, objectives):
     teams = [random_team(draw) for _ in range(40)]
     observations = draw.standard_normal((40, 18)).astype(np.float32)
     starts = draw.standard_normal((40, 2))
-    guide = Guide(GuidanceSettings(mode=mode, scale=2.0, reach=0.3), objectives, DYNAMICS)
+    guide = guide_for(objectives, mode=mode, scale=2.0, reach=0.3)
     many = guided_actions(FlowPolicy(weights, 10, 40), observations, as_batch(teams), guide, starts)
     policy = FlowPolicy(weights, 10)
     for i, team in enumerate(teams):
@@ -76,7 +86,7 @@ def test_theorem_1_closed_form(scale):
     std, mean, goal, steps = 0.5, np.array([0.3, -0.2]), np.array([1.0, 0.5]), 4000
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0)))
     objective = Quadratic(goal=tuple(goal.tolist()))
-    guide = Guide(GuidanceSettings(mode="none", scale=scale), [objective], UNIT)
+    guide = guide_for([objective], UNIT, mode="none", scale=scale)
     start = np.array([0.4, -1.0])
     result = guided_action(
         gaussian_flow(std, mean, steps), np.zeros((1, 1), np.float32), team, guide, tuple(start)
@@ -102,7 +112,7 @@ def test_theorem_1_guidance_trades_cost_against_likelihood():
     observation = np.zeros((1, 1), np.float32)
     ends = []
     for scale in (0.0, 0.25, 0.5, 1.0, 2.0):
-        guide = Guide(GuidanceSettings(mode="none", scale=scale), [Quadratic(goal=(goal, 0.0))], UNIT)
+        guide = guide_for([Quadratic(goal=(goal, 0.0))], UNIT, mode="none", scale=scale)
         ends.append(guided_action(gaussian_flow(std, mean, 200), observation, team, guide).action[0])
     assert ends[0] == pytest.approx(0.0, abs=1e-9)
     costs, distances = [(end - goal) ** 2 for end in ends], np.abs(ends)
@@ -113,7 +123,7 @@ def test_theorem_1_guidance_trades_cost_against_likelihood():
 def test_a_late_tick_returns_the_newest_estimate():
     weights, draw = random_weights(), np.random.default_rng(0)
     team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
-    guide = Guide(GuidanceSettings(mode="cone", scale=1.0), OBJECTIVES[:2], DYNAMICS)
+    guide = guide_for(OBJECTIVES[:2], mode="cone", scale=1.0)
     policy = FlowPolicy(weights, 10)
     late = guided_action(policy, observation, team, guide, deadline_s=time.monotonic() - 1.0)
     assert late.steps == 1
@@ -122,7 +132,7 @@ def test_a_late_tick_returns_the_newest_estimate():
         FlowPolicy(weights, 1),
         observation,
         team,
-        Guide(GuidanceSettings(mode="cone", scale=0.1), OBJECTIVES[:2], DYNAMICS),
+        guide_for(OBJECTIVES[:2], mode="cone", scale=0.1),
     )
     # At tau = 0 the estimate plus a tenth of the guidance is one Euler step at a tenth of the scale.
     assert late.action == pytest.approx(one_step.action, abs=1e-6)
@@ -141,7 +151,7 @@ def test_the_terminal_correction_brakes_whatever_scale_and_weights(scale, other_
         team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
 
         def next_speed(mode, team=team, observation=observation):
-            guide = Guide(GuidanceSettings(mode=mode, scale=scale), objectives, DYNAMICS)
+            guide = guide_for(objectives, mode=mode, scale=scale)
             action = guided_action(policy, observation, team, guide).action
             return np.linalg.norm(
                 preview.velocity_decay * np.array(team.own.velocity_m_s)
@@ -158,7 +168,7 @@ def test_the_terminal_correction_leaves_kept_objectives_alone():
     policy, team = FlowPolicy(random_weights(), 10), random_team(draw)
     observation, kept = draw.standard_normal((1, 18)).astype(np.float32), [SpeedLimit(limit_m_s=50.0)]
     actions = [
-        guided_action(policy, observation, team, Guide(GuidanceSettings(mode=mode), kept, DYNAMICS)).action
+        guided_action(policy, observation, team, guide_for(kept, mode=mode)).action
         for mode in ("none", "terminal")
     ]
     assert actions[0] == actions[1]
@@ -177,11 +187,9 @@ def test_non_finite_inputs_are_faults(bad):
     clean = np.zeros((1, 18), np.float32)
     poisoned = clean.copy()
     poisoned[0, 4] = float(bad)
-    unguided = Guide(GuidanceSettings(), [], DYNAMICS)
+    unguided = guide_for(())
     assert "observation" in guided_action(policy, poisoned, team, unguided).fault
-    result = guided_action(
-        policy, clean, team, Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=1.0), Faulty(bad=bad)], DYNAMICS)
-    )
+    result = guided_action(policy, clean, team, guide_for([SpeedLimit(limit_m_s=1.0), Faulty(bad=bad)]))
     assert "faulty" in result.fault
     assert result.action == (0.0, 0.0)
 
@@ -204,7 +212,7 @@ class FaultyWishAtTheEnd(FaultyAtTheEnd, frozen=True, kw_only=True, tag="faulty_
 def test_a_gradient_that_fails_in_the_correction_is_a_fault(kind):
     FaultyAtTheEnd.asked.clear()
     team, policy = random_team(np.random.default_rng(1)), FlowPolicy(random_weights(), 1)
-    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.1), kind()], DYNAMICS)
+    guide = guide_for([SpeedLimit(limit_m_s=0.1), kind()])
     result = guided_action(policy, np.zeros((1, 18), np.float32), team, guide)
     assert (result.action, result.steps) == ((0.0, 0.0), 1)
     assert result.fault == f"the gradient of {kind().name} is not finite"
@@ -214,9 +222,7 @@ def test_a_non_finite_velocity_is_a_fault():
     weights = random_weights()
     weights.biases[-1][0] = np.nan
     team = random_team(np.random.default_rng(1))
-    result = guided_action(
-        FlowPolicy(weights, 5), np.zeros((1, 18), np.float32), team, Guide(GuidanceSettings(), [], DYNAMICS)
-    )
+    result = guided_action(FlowPolicy(weights, 5), np.zeros((1, 18), np.float32), team, guide_for(()))
     assert "velocity" in result.fault
 
 
@@ -224,12 +230,15 @@ def test_without_scale_or_weight_the_flow_is_unguided():
     draw = np.random.default_rng(7)
     team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
     policy = FlowPolicy(random_weights(), 10)
-    unguided = guided_action(policy, observation, team, Guide(GuidanceSettings(), [], DYNAMICS))
+    unguided = guided_action(policy, observation, team, guide_for(()))
     for settings, objectives in [
         (GuidanceSettings(scale=0.0), OBJECTIVES),
         (GuidanceSettings(), [SpeedLimit(limit_m_s=0.1, weight=0.0)]),
     ]:
-        assert guided_action(policy, observation, team, Guide(settings, objectives, DYNAMICS)) == unguided
+        assert (
+            guided_action(policy, observation, team, make_guide(ObjectiveSet(objectives, settings), DYNAMICS))
+            == unguided
+        )
 
 
 @pytest.mark.parametrize(
@@ -245,7 +254,7 @@ def head_on(mode, *objectives):
     """A robot that drives east at 0.5 m/s towards a teammate 0.2 m ahead, its flow at rest."""
     mate = Teammate(RobotState(1, 0.0, (0.2, 0.0), (0.0, 0.0)))
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.5, 0.0)), (mate,))
-    guide = Guide(GuidanceSettings(mode=mode, scale=1.0), objectives, DYNAMICS)
+    guide = guide_for(objectives, mode=mode, scale=1.0)
     flow = gaussian_flow(0.5, np.zeros(2), 4)
     return guided_action(flow, np.zeros((1, 1), np.float32), team, guide)
 

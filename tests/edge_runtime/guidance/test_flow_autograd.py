@@ -5,11 +5,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from guidance_cases import DYNAMICS, OBJECTIVES, random_team
+from guidance_cases import DYNAMICS, OBJECTIVES, guide_for, random_team
 from networks import random_weights
 
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SafetyMargin, Spacing, SpatialOrder, SpeedLimit
 from edge_runtime.policy.numpy_policy import FlowPolicy
@@ -43,7 +42,7 @@ def test_guided_actions_agree_with_autograd(activation, count, steps, mode):
     weights = random_weights(seed=seed, activation=activation, prior_std=[None, 0.5][seed % 2])
     objectives = OBJECTIVES[:count]
     policy = FlowPolicy(weights, steps)
-    guide = Guide(GuidanceSettings(mode=mode, scale=1.0), objectives, DYNAMICS)
+    guide = guide_for(objectives, mode=mode, scale=1.0)
     for _ in range(3):
         team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
         start = tuple(draw.standard_normal(2).tolist())
@@ -64,7 +63,7 @@ def test_preferences_before_requirements_agree_with_autograd(chosen, reach, step
     draw = np.random.default_rng([*chosen, steps])
     weights, objectives = random_weights(seed=sum(chosen)), [MIXED[m] for m in chosen]
     wishes = [m for m, place in enumerate(chosen) if place in (0, 2)]
-    guide = Guide(GuidanceSettings(scale=1.0, reach=reach), objectives, DYNAMICS)
+    guide = guide_for(objectives, scale=1.0, reach=reach)
     for _ in range(5):
         team, observation = random_team(draw), draw.standard_normal((1, 18)).astype(np.float32)
         costs = [partial(COSTS[o.name], o, team, DYNAMICS) for o in objectives]

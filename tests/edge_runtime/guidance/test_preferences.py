@@ -5,13 +5,14 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 import pytest
-from guidance_cases import DYNAMICS, UNIT, WISHES, Quadratic, gaussian_flow, random_team
+from guidance_cases import DYNAMICS, UNIT, WISHES, Quadratic, gaussian_flow, guide_for, random_team
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks import random_weights
 
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.motion.outlook import Motion, look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
@@ -33,7 +34,7 @@ def corrected(objectives, seed, reach, teammates=3):
     team, observation = random_team(draw, teammates), draw.standard_normal((1, 18)).astype(np.float32)
     policy, sampled = FlowPolicy(random_weights(seed=4), 10), []
     for mode in ("hierarchical", "terminal"):
-        guide = Guide(GuidanceSettings(mode=mode, scale=1.0, reach=reach), objectives, DYNAMICS)
+        guide = guide_for(objectives, mode=mode, scale=1.0, reach=reach)
         sampled.append(guided_action(policy, observation, team, guide))
     before, after = (np.array(sample.action) for sample in sampled)
     assert not sampled[1].fault
@@ -99,7 +100,9 @@ def test_one_preference_goes_to_its_goal_or_as_far_as_it_may(goal, start, reach)
     team, observation = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))), np.zeros((1, 1), np.float32)
     flow, wish = gaussian_flow(0.5, np.array([0.3, -0.2]), 5), [Wish(goal=goal)]
     before, after = (
-        np.array(guided_action(flow, observation, team, Guide(chosen, wish, UNIT), start).action)
+        np.array(
+            guided_action(flow, observation, team, make_guide(ObjectiveSet(wish, chosen), UNIT), start).action
+        )
         for chosen in (
             GuidanceSettings(mode="hierarchical", scale=0.1),
             GuidanceSettings(scale=0.1, reach=reach),
@@ -114,7 +117,7 @@ def test_one_preference_goes_to_its_goal_or_as_far_as_it_may(goal, start, reach)
 def test_several_preferences_settle_on_their_weighted_compromise():
     team, observation = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))), np.zeros((1, 1), np.float32)
     wishes = [Wish(goal=(1.0, 0.0), weight=1.5), Wish(goal=(0.0, 1.0), weight=0.5)]
-    guide = Guide(GuidanceSettings(scale=1e-3, reach=10.0), wishes, UNIT)
+    guide = guide_for(wishes, UNIT, scale=1e-3, reach=10.0)
     action = guided_action(gaussian_flow(0.5, np.zeros(2), 5), observation, team, guide).action
     assert action == pytest.approx((0.75, 0.25), abs=1e-6)  # weights sum to 2: half a step is Newton's
 
@@ -139,10 +142,10 @@ def test_requirements_have_the_last_word(named_first):
 
 @pytest.mark.parametrize("mode", ["none", "hierarchical", "cone"])
 def test_only_mode_terminal_tells_preferences_from_requirements(mode):
-    guide = Guide(GuidanceSettings(mode=mode), [*WISHES, *LIMITS], DYNAMICS)
-    assert not guide.corrects
+    guide = guide_for([*WISHES, *LIMITS], mode=mode)
+    assert not guide.corrected
     assert guide.preferences == guide.requirements == ()
-    guide = Guide(GuidanceSettings(), [*WISHES, *LIMITS], DYNAMICS)
+    guide = guide_for([*WISHES, *LIMITS])
     assert (guide.preferences, guide.requirements) == ((0, 1, 2), (3, 4))
 
 

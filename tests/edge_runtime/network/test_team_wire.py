@@ -14,9 +14,9 @@ from edge_runtime.messages import RobotState
 from edge_runtime.network.team_wire import (
     FRAME_BYTES,
     LAST_TICK,
-    Following,
     Frame,
     FrameError,
+    GuideVersions,
     Refusal,
     decode,
     encode,
@@ -33,7 +33,7 @@ FRAME = Frame(
     (13.0, 14.0),
     True,
     16,
-    Following(15, 17, 18, 19),
+    GuideVersions(15, 17, 18, 19),
 )
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -42,9 +42,9 @@ shorts = st.integers(0, 2**16 - 1)
 longs = st.integers(0, 2**64 - 1)
 states = st.builds(RobotState, shorts, numbers, vectors, vectors, numbers)
 ticks = st.integers(0, LAST_TICK)
-followings = st.builds(Following, st.integers(0, 2**32 - 1), longs, longs, ticks)
+versions_of_guides = st.builds(GuideVersions, st.integers(0, 2**32 - 1), longs, longs, ticks)
 frames = st.builds(
-    Frame, shorts, longs, longs, longs, longs, states, vectors, st.booleans(), ticks, followings
+    Frame, shorts, longs, longs, longs, longs, states, vectors, st.booleans(), ticks, versions_of_guides
 )
 
 
@@ -97,8 +97,8 @@ def test_junk_lengths_are_refused(frame, cut, more):
 
 
 def test_ticks_that_no_team_reaches_are_refused():
-    following = replace(FRAME.following, next_tick=LAST_TICK + 1)
-    for frame in (replace(FRAME, tick=LAST_TICK + 1), replace(FRAME, following=following)):
+    versions = replace(FRAME.versions, next_tick=LAST_TICK + 1)
+    for frame in (replace(FRAME, tick=LAST_TICK + 1), replace(FRAME, versions=versions)):
         assert refusal(encode(frame, KEY)) is Refusal.MALFORMED
 
 

@@ -72,7 +72,7 @@ def write(tmp_path):
 
 def mission(path, robot_id=0):
     fleet = load_fleet(path)
-    return Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.steering, 50.0)
+    return Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.objective_set, 50.0)
 
 
 class Member:
@@ -345,7 +345,7 @@ def test_the_example_is_the_one_for_udp_on_another_carrier():
     assert [(r.id, r.start_m, r.goal_m, r.address) for r in example.robots] == [
         (r.id, r.start_m, r.goal_m, r.address) for r in udp.robots
     ]
-    assert example.steering == udp.steering
+    assert example.objective_set == udp.objective_set
 
 
 def test_without_the_extra_it_is_refused_in_one_line(write, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 import torch
 from literal_dynamics import drive
 
-from edge_runtime.config.fleet import load_steering
+from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
@@ -188,7 +188,7 @@ look_ahead = 6
 def test_objectives_files_know_them(tmp_path):
     path = tmp_path / "objectives.toml"
     path.write_text(TOML)
-    fence, cluster = load_steering(path).objectives
+    fence, cluster = load_objective_set(path).objectives
     assert fence == Geofence(centre_m=(0.0, 0.0), radius_m=0.3)
     assert cluster == Clustering(radius_m=0.3, look_ahead=6)
 
@@ -210,7 +210,7 @@ def test_bad_numbers_are_refused_in_one_line(tmp_path, right, wrong, complaint):
     assert right in TOML
     path.write_text(TOML.replace(right, wrong))
     with pytest.raises(ConfigError) as caught:
-        load_steering(path)
+        load_objective_set(path)
     message = str(caught.value)
     assert str(path) in message
     assert complaint in message

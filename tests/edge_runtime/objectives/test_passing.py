@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from guidance_cases import gaussian_flow
+from guidance_cases import gaussian_flow, guide_for
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Passing, SpatialOrder
@@ -23,7 +22,10 @@ STILL = gaussian_flow(0.1, np.zeros(2), 5)
 
 def swap(objectives, places, steps=150):
     """Drive two discs under guidance; (steps + 1, 2, 2) positions in metres. Their contact is inelastic."""
-    guide, preview = Guide(GuidanceSettings(reach=0.5), objectives, DYNAMICS), DYNAMICS.preview(1)
+    guide, preview = (
+        guide_for(objectives, reach=0.5),
+        DYNAMICS.preview(1),
+    )
     position, velocity, path = np.array(places, float), np.zeros((2, 2)), [np.array(places, float)]
     action = np.zeros((2, 2))
     for _ in range(steps):

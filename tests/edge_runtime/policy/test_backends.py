@@ -8,7 +8,8 @@ from networks import needs_kernel
 from benchmarks.paper.judges import motion
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.settings import GuidanceSettings, Guide
+from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import packaged_bundle
 from export.scenarios import make_scenario
@@ -42,7 +43,7 @@ def play(task, bundle, policy, mode):
     """What the robots of one episode knew and decided at each step, and its outcome."""
     world = make_scenario(task.name, 1, 4, torch.device("cpu"), training=False)
     robots = world.facts.robots
-    guide = Guide(GuidanceSettings(mode=mode), task.objectives, bundle.manifest.dynamics)
+    guide = make_guide(ObjectiveSet(task.objectives, GuidanceSettings(mode=mode)), bundle.manifest.dynamics)
     draw, judge, steps = np.random.default_rng(0), task.judge(1), []
     action = np.zeros((robots, 2))
     for _ in range(STEPS):

@@ -5,17 +5,19 @@ import shutil
 import time
 from typing import get_args
 
+import msgspec
 import numpy as np
 import pytest
-from guidance_cases import DYNAMICS, random_team
+from guidance_cases import DYNAMICS, guide_for, random_team
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks import ENGINES, needs_kernel, random_weights
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.projection import PLANAR
-from edge_runtime.guidance.settings import GuidanceSettings, Guide, Mode
+from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy import backend
@@ -32,8 +34,7 @@ def warn_again():
 
 def in_python(guide):
     """The same guide, kept from the kernel's loop."""
-    guide.native = False
-    return guide
+    return msgspec.structs.replace(guide, native=False)
 
 
 number = st.floats(0.05, 2.0)
@@ -59,7 +60,7 @@ def test_the_flow_in_the_kernel_is_the_flow_in_python(
     policy = make_compiled(random_weights(seed=seed), euler_steps=steps)
     observation = draw.standard_normal((1, 18)).astype(np.float32)
     team, start = random_team(draw, mates), tuple(draw.standard_normal(2).tolist())
-    guide = Guide(guidance, objectives, DYNAMICS)
+    guide = make_guide(ObjectiveSet(objectives, guidance), DYNAMICS)
     compiled = guided_action(policy, observation, team, guide, start)
     python = guided_action(policy, observation, team, in_python(guide), start)
     np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6, atol=1e-6)
@@ -75,11 +76,7 @@ def test_the_flow_in_the_kernel_is_the_flow_in_python(
 )
 def test_an_action_equals_numpys(make_compiled, mode, tolerance):
     weights = random_weights(hidden=(256, 256, 256), observation_dim=32)
-    guide = Guide(
-        GuidanceSettings(mode=mode, scale=1.0),
-        [SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.5)],
-        DYNAMICS,
-    )
+    guide = guide_for([SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.5)], mode=mode, scale=1.0)
     numpy, compiled = FlowPolicy(weights, 10), make_compiled(weights, 10)
     for seed in range(5):
         draw = np.random.default_rng(seed)
@@ -95,7 +92,7 @@ def test_projections_are_numbered_as_they_are_named():
 
 def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
     weights = random_weights()
-    guide = Guide(GuidanceSettings(mode="none", scale=1.0), [SafetyMargin(distance_m=0.3)], DYNAMICS)
+    guide = guide_for([SafetyMargin(distance_m=0.3)], mode="none", scale=1.0)
     policy, observation = make_compiled(weights, 1), np.zeros((1, 18), np.float32)
     policy.observe(observation)
     (velocity,), _, _ = policy.step(0, ((0.0, 0.0),)).copy()
@@ -112,7 +109,7 @@ def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
             policy,
             observation,
             team,
-            in_python(Guide(GuidanceSettings(mode="none", scale=1.0), guide.objectives, DYNAMICS)),
+            in_python(guide_for(guide.objectives, mode="none", scale=1.0)),
         )
         assert math.isfinite(compiled.action[0])
         assert compiled.costs[0] > 0.0
@@ -121,7 +118,7 @@ def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
 
 def test_a_late_tick_returns_the_newest_estimate(make_compiled):
     policy = make_compiled(random_weights(), 10)
-    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2)], DYNAMICS)
+    guide = guide_for([SpeedLimit(limit_m_s=0.2)])
     team, observation = random_team(np.random.default_rng(0)), np.zeros((1, 18), np.float32)
     late = guided_action(policy, observation, team, guide, deadline_s=0.0)
     python = guided_action(policy, observation, team, in_python(guide), deadline_s=0.0)
@@ -134,7 +131,10 @@ def test_a_late_tick_returns_the_newest_estimate(make_compiled):
 @pytest.mark.parametrize("steps", [1, 3, 9, 10])
 def test_a_sample_can_be_cut_after_any_step(make_backend, steps):
     """A tick that its deadline cut short is repeated by the number of its steps."""
-    policy, guide = make_backend(random_weights(), 10), Guide(GuidanceSettings(mode="none"), [], DYNAMICS)
+    policy, guide = (
+        make_backend(random_weights(), 10),
+        guide_for([], mode="none"),
+    )
     observation, team = np.ones((1, 18), np.float32), random_team(np.random.default_rng(0))
     found = guided_action(policy, observation, team, guide, (0.3, -0.2), most_steps=steps)
     policy.observe(observation)
@@ -147,7 +147,7 @@ def test_a_sample_can_be_cut_after_any_step(make_backend, steps):
 
 
 def test_a_gradient_that_is_not_finite_is_named(make_compiled):
-    guide = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.3)], DYNAMICS)
+    guide = guide_for([SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.3)])
     policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (math.inf, 0.0)))
     found = guided_action(policy, observation, team, guide)
@@ -160,8 +160,8 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
         def evaluate(self, motion, outlook):
             return super().evaluate(motion, outlook)
 
-    guide = Guide(GuidanceSettings(), [Slower(limit_m_s=0.2)], DYNAMICS)
-    built_in = Guide(GuidanceSettings(), [SpeedLimit(limit_m_s=0.2)], DYNAMICS)
+    guide = guide_for([Slower(limit_m_s=0.2)])
+    built_in = guide_for([SpeedLimit(limit_m_s=0.2)])
     assert (guide.native, built_in.native) == (False, True)
     policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
     team = random_team(np.random.default_rng(0))

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import Damage, read_log
-from edge_runtime.recording.schema import LOG_FORMAT, End, ObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import LOG_FORMAT, End, LoggedObjectiveSet, Start, Tick
 
 CHUNK = 5
 
@@ -44,7 +44,7 @@ def chunks_of(file):
 def test_a_log_begins_with_its_start_and_ends_with_its_end(log):
     first, second, *between, last = read_log(log)
     assert isinstance(first, Start)
-    assert isinstance(second, ObjectiveSet) or second.name == "start"
+    assert isinstance(second, LoggedObjectiveSet) or second.name == "start"
     assert isinstance(last, End)
     numbers = [item.inputs.number for item in between if isinstance(item, Tick)]
     assert numbers == list(range(last.ticks))

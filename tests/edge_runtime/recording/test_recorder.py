@@ -20,14 +20,14 @@ from msgspec.structs import replace
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
-from edge_runtime.guidance.plan import make_plan
+from edge_runtime.guidance.guide import make_guide
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.recording.folder import run_name
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.recorder import Recorder
-from edge_runtime.recording.schema import End, Event, ObjectiveSet, Start
+from edge_runtime.recording.schema import End, Event, LoggedObjectiveSet, Start
 from edge_runtime.recording.wire import LogPlan
 from edge_runtime.run.edge_run import STAGES, main
 from edge_runtime.tools.replay.edge_replay import main as replay
@@ -172,14 +172,14 @@ def test_a_run_that_never_began_leaves_no_log(tmp_path, capsys):
 def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     """Each tick names the set that it followed, and is replayed with it."""
     fleet = load_fleet(DEFAULT_FLEET)
-    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 100.0)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 100.0)
     controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
-    slower = replace(fleet.steering, objectives=(SpeedLimit(limit_m_s=0.05),))
-    plans = [controller.plan, replace(make_plan(slower, mission.bundle.manifest), version=7)]
+    slower = replace(fleet.objective_set, objectives=(SpeedLimit(limit_m_s=0.05),))
+    guides = [controller.guide, replace(make_guide(slower, mission.bundle.manifest.dynamics), version=7)]
     with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)) as recorder:
         recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
         for number in range(20):
-            controller.plan = plans[number // 10]
+            controller.guide = guides[number // 10]
             timing.begin(time.monotonic())
             team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.2, 0.1)))
             observation = controller.observe(team)
@@ -195,7 +195,7 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     assert (report.ticks, report.lost, report.failure) == (20, 0, "")
     assert [tick.inputs.objectives_version for tick in ticks(path)] == [0] * 10 + [7] * 10
     assert [len(tick.action.costs) for tick in ticks(path)] == [2] * 10 + [1] * 10
-    assert [item.version for item in records if isinstance(item, ObjectiveSet)] == [0, 7]
+    assert [item.version for item in records if isinstance(item, LoggedObjectiveSet)] == [0, 7]
     told = [item.message for item in records if isinstance(item, Event) and item.name == "objectives"]
     assert told[1] == "version 7: speed_limit (guidance terminal)"
     assert replay([str(path)]) == 0
@@ -204,7 +204,7 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
 def test_ticks_that_a_dead_logger_never_read_are_lost(tmp_path):
     """Those in the ring and those that had no room there."""
     fleet = load_fleet(DEFAULT_FLEET)
-    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 100.0)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 100.0)
     controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
     team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.2, 0.1)))
     observation = controller.observe(team)

@@ -17,7 +17,7 @@ from edge_runtime.recording import log_file
 from edge_runtime.recording.folder import file_name, make_room, run_name
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.run_log import RunLog
-from edge_runtime.recording.schema import End, ObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import End, LoggedObjectiveSet, Start, Tick
 from edge_runtime.recording.wire import LogPlan
 
 RUN = run_name("20260131T235959Z", 3, 7)
@@ -27,7 +27,7 @@ RUN = run_name("20260131T235959Z", 3, 7)
 def run(tmp_path_factory):
     """A recorded run as the logger was given it."""
     (path,) = record(tmp_path_factory.mktemp("run"))
-    return [item for item in read_log(path) if isinstance(item, Start | ObjectiveSet | Tick | End)]
+    return [item for item in read_log(path) if isinstance(item, Start | LoggedObjectiveSet | Tick | End)]
 
 
 def ticks_of(records):
@@ -59,7 +59,7 @@ def test_a_long_run_has_several_files_that_each_stand_by_themselves(run, tmp_pat
     for part, path in enumerate(paths):
         records = list(read_log(path))
         assert (records[0].part, records[0].run) == (part, run[0].run)
-        assert any(isinstance(item, ObjectiveSet) for item in records[:4])
+        assert any(isinstance(item, LoggedObjectiveSet) for item in records[:4])
         assert not isinstance(records[-1], Damage)
     assert [tick for path in paths for tick in ticks(path)] == [
         item for item in run if isinstance(item, Tick)

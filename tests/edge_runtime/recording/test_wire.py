@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
-from edge_runtime.recording.schema import End, Inputs, ObjectiveSet, Observation, StageTimes, Tick
+from edge_runtime.recording.schema import End, Inputs, LoggedObjectiveSet, Observation, StageTimes, Tick
 from edge_runtime.recording.wire import decode_packet, encode_packet, is_tick, pack_tick, tick_packet
 
 floats = st.floats(allow_nan=True, allow_infinity=True)
@@ -29,7 +29,7 @@ ticks = st.builds(
 )
 others = st.one_of(
     st.builds(End, st.text(), st.booleans(), numbers, numbers, numbers),
-    st.builds(ObjectiveSet, numbers, st.text(), floats, floats, floats, st.just(())),
+    st.builds(LoggedObjectiveSet, numbers, st.text(), floats, floats, floats, st.just(())),
 )
 
 

@@ -195,7 +195,7 @@ def test_fixed_neighbours_need_not_be_mutual():
 def test_the_objectives_version_rides_in_every_frame():
     world = World(3)
     orders = world.teams[2]._orders
-    orders.plan = replace(orders.plan, version=7)
+    orders.guide = replace(orders.guide, version=7)
     world.ticks(5)
     assert world.teams[0].report().objectives_version == {1: 0, 2: 7}
 

@@ -62,7 +62,7 @@ def test_the_example_of_a_team_is_the_built_in_fleet_with_addresses():
     example, built_in = load_fleet(DEFAULT_FLEET.with_name("udp.toml")), load_fleet(DEFAULT_FLEET)
     places = [(member.id, member.start_m, member.goal_m) for member in built_in.robots]
     assert [(member.id, member.start_m, member.goal_m) for member in example.robots] == places
-    assert example.steering == built_in.steering
+    assert example.objective_set == built_in.objective_set
 
 
 def test_keys_that_do_not_fit_name_the_file_and_the_key(write, tmp_path):

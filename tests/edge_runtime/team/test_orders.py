@@ -8,7 +8,7 @@ from fleet_fakes import KEY, OPERATOR, PERIOD_S, Network, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.config.fleet import Steering
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.network.order_wire import (
     Abort,
     Ask,
@@ -71,7 +71,7 @@ class Operator:
 
 
 def versions(world):
-    return {robot_id: team._orders.plan.version for robot_id, team in world.teams.items()}
+    return {robot_id: team._orders.guide.version for robot_id, team in world.teams.items()}
 
 
 @pytest.fixture
@@ -95,12 +95,12 @@ def test_a_change_is_followed_by_all_from_the_same_tick_on(ready):
         world.tick()
         for team in world.teams.values():
             changed = team.tick >= tick
-            assert team._orders.plan.version == changed
-            plan = team.new_plan()
-            assert (plan is not None) == (team.tick == tick)
-            if plan:
-                assert plan.steering.objectives == (SpeedLimit(limit_m_s=0.1),)
-                assert [objective.limit_m_s for objective in plan.guide.objectives] == [0.1]
+            assert team._orders.guide.version == changed
+            guide = team.new_guide()
+            assert (guide is not None) == (team.tick == tick)
+            if guide:
+                assert guide.asked.objectives == (SpeedLimit(limit_m_s=0.1),)
+                assert [objective.limit_m_s for objective in guide.objectives] == [0.1]
     assert operator.tell(Ask)[0].stage == "applied"
     assert world.teams[0].report().disagreed == {}
     assert world.teams[0].report().own_objectives_version == 1
@@ -145,7 +145,7 @@ def test_a_commitment_reaches_all_through_any_of_them(ready):
     operator.tell(Commit, robots=[1], tick=tick)
     while world.teams[0].tick < tick + 3:
         world.tick()
-        assert len({team._orders.plan.version for team in world.teams.values()}) == 1
+        assert len({team._orders.guide.version for team in world.teams.values()}) == 1
     assert versions(world) == {0: 1, 1: 1, 2: 1}
 
 
@@ -179,7 +179,7 @@ def test_who_missed_it_altogether_is_seen_by_all(ready):
 
 
 def test_a_team_that_never_agreed_does_not_drive():
-    world = World(3, steering={1: Steering((SpeedLimit(limit_m_s=0.2),))})
+    world = World(3, asked={1: ObjectiveSet((SpeedLimit(limit_m_s=0.2),))})
     *_, last = world.ticks(10)
     assert last[0].fault == last[2].fault == "robot 1 follows other objectives than this one"
     assert last[1].fault == "robot 0 follows other objectives than this one"
@@ -202,9 +202,9 @@ def test_nobody_is_half_way_whatever_is_lost_and_whenever_the_operator_dies(seed
         operator.send(draw.randrange(4), Commit, tick=tick)
         world.tick()
     while max(team.tick for team in world.teams.values()) < tick + 20:
-        followed = {team._orders.plan.version for team in world.teams.values() if team.tick >= tick}
+        followed = {team._orders.guide.version for team in world.teams.values() if team.tick >= tick}
         assert len(followed) <= 1
-        assert all(team._orders.plan.version == 0 for team in world.teams.values() if team.tick < tick)
+        assert all(team._orders.guide.version == 0 for team in world.teams.values() if team.tick < tick)
         world.tick()
 
 
@@ -224,7 +224,7 @@ def test_two_operators_do_not_mix(ready):
     second.prepare(SLOWER)
     second.tell(Commit, tick=1)
     world.ticks(3)
-    assert world.teams[0]._orders.plan.steering.objectives == (SpeedLimit(limit_m_s=0.05),)
+    assert world.teams[0]._orders.guide.asked.objectives == (SpeedLimit(limit_m_s=0.05),)
 
 
 def test_versions_only_rise(ready):

@@ -32,7 +32,7 @@ class Arena(World):
         fleet = load_fleet(DEFAULT_FLEET)
         robots = tuple(Robot(id=number, start_m=starts[number], goal_m=goals[number]) for number in starts)
         mission = Mission(
-            0, replace(fleet, robots=robots), packaged_bundle("navigation"), fleet.steering, 1 / PERIOD_S
+            0, replace(fleet, robots=robots), packaged_bundle("navigation"), fleet.objective_set, 1 / PERIOD_S
         )
         self.controllers = mission.controllers()
         self.preview = mission.bundle.manifest.dynamics.at_period(PERIOD_S).preview(1)

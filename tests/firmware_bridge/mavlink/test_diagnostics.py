@@ -25,7 +25,7 @@ PX4 = PROFILES["px4"]
 @pytest.fixture
 def mission():
     fleet = load_fleet(DEFAULT_FLEET)
-    return Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 20.0)
+    return Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 20.0)
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from bundles import MANIFEST, straight_weights
 
-from edge_runtime.config.fleet import DEFAULT_FLEET, Steering, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.settings import GuidanceSettings
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.policy.bundle import Bundle
 from firmware_bridge.simulation.bridge import open_bridge
@@ -22,8 +22,8 @@ BUNDLE = Bundle(MANIFEST, straight_weights(), Path())
 def mission(rate_hz=10.0, guided=True, robot_id=0, fleet=None):
     fleet = fleet or load_fleet(DEFAULT_FLEET)
     # The hand-made policy passes the flow's start straight on: noise would shake the robots.
-    steering = Steering(fleet.steering.objectives, GuidanceSettings(start_noise=0.0))
-    return Mission(robot_id, fleet, BUNDLE, steering, rate_hz, guided=guided)
+    asked = ObjectiveSet(fleet.objective_set.objectives, GuidanceSettings(start_noise=0.0))
+    return Mission(robot_id, fleet, BUNDLE, asked, rate_hz, guided=guided)
 
 
 def drive(bridge, controller, ticks):

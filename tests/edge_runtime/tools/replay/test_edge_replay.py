@@ -13,9 +13,9 @@ from networks import needs_kernel
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle
 from edge_runtime.recording.reader import read_log
-from edge_runtime.recording.schema import ObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import LoggedObjectiveSet, Start, Tick
 from edge_runtime.tools.replay.edge_replay import main
-from edge_runtime.tools.replay.replay import Replay, recorded_policy, recorded_steering
+from edge_runtime.tools.replay.replay import Replay, recorded_objectives, recorded_policy
 
 NUMBER = 17
 NAVIGATION = str(PACKAGED / "navigation")
@@ -88,7 +88,7 @@ def test_objectives_that_were_not_those_are_found(log, tmp_path, capsys):
         assert parameters != limit.parameters
         return replace(chosen, objectives=(replace(limit, parameters=parameters), *rest))
 
-    records = [raised(item) if isinstance(item, ObjectiveSet) else item for item in read_log(log)]
+    records = [raised(item) if isinstance(item, LoggedObjectiveSet) else item for item in read_log(log)]
     assert main([str(write(tmp_path / "raised.mcap", records))]) == 1
     assert "stage action: " in capsys.readouterr().out
 
@@ -101,8 +101,8 @@ def again(log, change):
             bundle = packaged_bundle(item.bundle.name)
             policy = recorded_policy(item, bundle)
             replay = Replay(item, bundle, policy)
-        elif isinstance(item, ObjectiveSet):
-            replay.steer(*recorded_steering(item, log))
+        elif isinstance(item, LoggedObjectiveSet):
+            replay.follow(recorded_objectives(item, log))
         elif isinstance(item, Tick):
             item = change(item, replay, policy)
         records.append(item)

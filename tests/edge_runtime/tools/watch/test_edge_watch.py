@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from bundles import MANIFEST
+from msgspec.structs import replace
 from ports import free_port
 from watch_fakes import KEY, status
 
@@ -20,6 +21,7 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
+from edge_runtime.guidance.guide import make_guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.telemetry.status import decode, encode
@@ -76,7 +78,7 @@ def sender(fleet):
 
 def mission_of(path):
     loaded = load_fleet(path)
-    return Mission(0, loaded, Bundle(MANIFEST, None, Path()), loaded.steering, 50.0)
+    return Mission(0, loaded, Bundle(MANIFEST, None, Path()), loaded.objective_set, 50.0)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
@@ -121,7 +123,8 @@ def test_objectives_that_are_exchanged_are_told(sender, fleet, tmp_path):
         robot = sender(receiver.getsockname(), lambda: 0.0)
         slower = tmp_path / "slower.toml"
         slower.write_text(fleet.read_text().replace("0.3", "0.1"))
-        robot.adopt(load_fleet(slower).steering, 7)
+        asked = load_fleet(slower).objective_set
+        robot.adopt(replace(make_guide(asked, MANIFEST.dynamics), version=7))
         robot.follow(TEAM, GUIDED, COMMAND)
         told = decode(receiver.recv(8192), KEY)
     assert (told.objectives_version, told.speed_limit_m_s, told.objectives[0].limit) == (7, 0.1, "0.1 m/s")

@@ -1,0 +1,108 @@
+"""The objectives file: TOML, validated once, and the import of the user's own code that it names."""
+
+import importlib
+import sys
+from collections.abc import Collection
+from pathlib import Path
+
+import msgspec
+
+from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
+from edge_runtime.errors import ConfigError
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.objectives import BUILT_IN, Objective
+
+
+class _Tables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    objectives: tuple[Table, ...] = ()
+    guidance: GuidanceSettings = GuidanceSettings()
+
+
+def load_objective_set(path: Path) -> ObjectiveSet:
+    """Read an objectives file: ``[[objectives]]`` and ``[guidance]``.
+
+    Raises:
+        ConfigError: names the file, the key and what is allowed.
+    """
+    return make_objective_set(read_toml(path), path)
+
+
+def parse_objective_set(
+    content: bytes, path: Path, own: Collection[type[Objective]] | None = None
+) -> ObjectiveSet:
+    """Read the content of an objectives file; ``path`` is its name, beside which own objectives lie.
+
+    Args:
+        content: of the file.
+        path: its name.
+        own: the only own objectives that it may name; nothing is imported then.
+
+    Raises:
+        ConfigError: as `load_objective_set`.
+    """
+    return make_objective_set(parse_toml(content, path), path, own)
+
+
+def make_objective_set(
+    table: Table, path: Path, own: Collection[type[Objective]] | None = None
+) -> ObjectiveSet:
+    """Check what an objectives file says; see `parse_objective_set`.
+
+    Raises:
+        ConfigError: as `load_objective_set`.
+    """
+    tables = to_record(table, _Tables, path)
+    return ObjectiveSet(make_objectives(tables.objectives, path, own), tables.guidance)
+
+
+def make_objectives(
+    tables: tuple[Table, ...], path: Path, own: Collection[type[Objective]] | None = None
+) -> tuple[Objective, ...]:
+    """Check the tables ``[[objectives]]`` of a file; see `parse_objective_set`.
+
+    Raises:
+        ConfigError: as `load_objective_set`.
+    """
+    return tuple(_objective(table, path, f"objectives[{i}]", own) for i, table in enumerate(tables))
+
+
+def _objective(table: Table, path: Path, key: str, own: Collection[type[Objective]] | None) -> Objective:
+    known: dict[str, type[Objective]] = {str(kind.__struct_config__.tag): kind for kind in BUILT_IN}
+    known |= {f"{kind.__module__}:{kind.__qualname__}": kind for kind in own or ()}
+    allowed = f"allowed: {', '.join(known)}" + (", or an own one as module:Class" if own is None else "")
+    name = table.get("type")
+    if not isinstance(name, str):
+        refuse(
+            path,
+            f"{key}.type",
+            f"{'missing' if name is None else f'must be a string, got {name}'}; {allowed}",
+        )
+    if name in known:
+        kind = known[name]
+    elif ":" in name and own is None:
+        kind = _import_objective(name, path, f"{key}.type")
+    elif ":" in name:
+        refuse(
+            path, f"{key}.type", f"{name!r} was not named by the files that the robot started with; {allowed}"
+        )
+    else:
+        refuse(path, f"{key}.type", f"unknown objective {name!r}; {allowed}")
+    return to_record({**table, "type": kind.__struct_config__.tag}, kind, path, key)
+
+
+def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
+    """Import ``module:Class``; the module may lie beside the file that names it."""
+    module_name, _, class_name = name.partition(":")
+    beside = str(path.resolve().parent)
+    sys.path.insert(0, beside)
+    try:
+        kind = getattr(importlib.import_module(module_name), class_name)
+    except Exception as error:  # a user's module may fail in any way while it is imported
+        raise ConfigError(f"{path}: {key}: cannot import {name!r} ({error})") from error
+    finally:
+        sys.path.remove(beside)
+    if not (isinstance(kind, type) and issubclass(kind, Objective)):
+        refuse(path, key, f"{name!r} is not a subclass of edge_runtime.objectives.Objective")
+    if kind.evaluate is Objective.evaluate:
+        refuse(path, key, f"{name!r} must define evaluate(motion, outlook)")
+    return kind

@@ -1,0 +1,100 @@
+"""The objectives in force, made ready for one robot: previews and factors, computed once."""
+
+import functools
+import hashlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from edge_runtime.guidance.projection import Projection
+from edge_runtime.guidance.settings import ObjectiveSet
+from edge_runtime.motion.dynamics import Dynamics, Preview
+from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.policy.compiled_policy import MAX_TERMS, encodable
+from edge_runtime.policy.manifest import FlowStart
+
+
+class Guide(msgspec.Struct, frozen=True):
+    """An `ObjectiveSet` made ready for one robot; the loop takes it up by one assignment.
+
+    Its M objectives are those that steer: of positive weight, and none if the scale is zero or the robot is
+    not to be guided. They are told by their places.
+    """
+
+    asked: ObjectiveSet
+    """What somebody asked for."""
+    objectives: tuple[Objective, ...]
+    """(M,)"""
+    previews: tuple[Preview, ...]
+    """(M,): what each one sees of the robot's motion."""
+    factors: tuple[float, ...]
+    """(M,): eta lambda_m."""
+    projection: Projection
+    """How conflicts are resolved along the flow."""
+    corrected: bool
+    """Whether the finished action is corrected at tau = 1, mode ``terminal``."""
+    preferences: tuple[int, ...]
+    """Those that move the finished action by ``reach`` at most."""
+    requirements: tuple[int, ...]
+    """Those that move it as far as it takes."""
+    start_noise: float
+    """Deviation of the flow's start."""
+    native: bool
+    """Whether the compiled kernel can run the whole flow."""
+    digest: int
+    """See `digest_of`."""
+    version: int = 0
+    """0 is what the robot was started with; each set that the team agrees on has a higher one."""
+
+
+def make_guide(
+    asked: ObjectiveSet, dynamics: Dynamics, start: FlowStart = "noise", *, guided: bool = True
+) -> Guide:
+    """Make objectives ready for a robot.
+
+    Args:
+        asked: the objectives, and how they are to guide.
+        dynamics: of the policy. Objectives look ahead in its control steps, whatever rate it is run at.
+        start: what its flow was trained to start from.
+        guided: False lets the flow alone: none of the objectives steers.
+    """
+    followed = asked if guided else msgspec.structs.replace(asked, objectives=())
+    settings = followed.guidance
+    active = tuple(o for o in followed.objectives if settings.scale * o.weight > 0.0)
+    corrected = settings.mode == "terminal" and bool(active)
+    places = range(len(active) if corrected else 0)
+    return Guide(
+        asked=asked,
+        objectives=active,
+        previews=tuple(dynamics.preview(objective.look_ahead) for objective in active),
+        factors=tuple(settings.scale * objective.weight for objective in active),
+        projection="hierarchical" if settings.mode == "terminal" else settings.mode,
+        corrected=corrected,
+        preferences=tuple(m for m in places if active[m].preference),
+        requirements=tuple(m for m in places if not active[m].preference),
+        start_noise=settings.start_noise if start == "noise" else 0.0,
+        native=len(active) <= MAX_TERMS and all(map(encodable, active)),
+        digest=digest_of(followed),
+    )
+
+
+def digest_of(asked: ObjectiveSet) -> int:
+    """First 64 bits of the SHA-256 of what objectives and guidance say, whatever the form of their file.
+
+    The code of own objectives counts too: robots with different code disagree.
+    """
+    digest = hashlib.sha256(msgspec.json.encode(asked))
+    for objective in asked.objectives:
+        if type(objective) not in BUILT_IN:
+            digest.update(_code_digest(type(objective)))
+    return int.from_bytes(digest.digest()[:8], "little")
+
+
+@functools.cache
+def _code_digest(kind: type[Objective]) -> bytes:
+    """SHA-256 of a class's module file, as it was when the class was first followed; of nothing without."""
+    module: Any = sys.modules.get(kind.__module__)
+    file = getattr(module, "__file__", None)
+    return hashlib.sha256(Path(file).read_bytes() if file else b"").digest()
