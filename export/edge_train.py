@@ -10,10 +10,12 @@ from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.errors import ConfigError, EdgeError
+from export.algorithms.base import TrainingSettings
 from export.distributed import join, launch
 from export.scenarios import SCENARIOS
-from export.training.plan import ALGORITHMS, Request, make_plan
+from export.training.lock import locked
 from export.training.progress import ProgressView
+from export.training.request import ALGORITHMS, Request, check_request
 from export.training.run import TrainingRun
 
 EPILOG = """\
@@ -46,21 +48,24 @@ def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
 def make_parser() -> CommandParser:
     """The command line."""
     parser = CommandParser("edge-train", "Train a policy for a team of robots.", EPILOG)
-    parser.add_argument("scenario", choices=sorted(SCENARIOS))
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
-    parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="mafpo-chain")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--frames", type=int, metavar="N", help="control steps of the team to train for")
-    parser.add_argument(
-        "--resume", action="store_true", help="continue the run in DIR from its last checkpoint"
-    )
-    parser.add_argument(
-        "--warm-start", type=Path, metavar="RUN", help="mappo's run that a new mafpo-warm begins with"
-    )
-    parser.add_argument(
-        "--workers", type=int, default=1, metavar="N", help="processes that share the work (1)"
-    )
+    add = parser.add_argument
+    add("scenario", choices=sorted(SCENARIOS), help="the task")
+    add("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
+    add("--algorithm", choices=sorted(ALGORITHMS), default="mafpo-chain", help="(default: %(default)s)")
+    add("--seed", type=int, default=0, metavar="N", help="of everything that is drawn (default: %(default)s)")
+    add("--frames", type=int, metavar="N", help=f"control steps of the team (default: {_default_frames()})")
+    add("--resume", action="store_true", help="continue the run in DIR from its last checkpoint")
+    add("--warm-start", type=Path, metavar="RUN", help="mappo's run that a new mafpo-warm begins with")
+    add("--workers", type=int, default=1, metavar="N", help="processes that share it (default: %(default)s)")
     return parser
+
+
+def _default_frames() -> str:
+    """What every algorithm trains for unless told otherwise; the commonest number first, for all others."""
+    frames = {name: algorithm.settings.frames for name, algorithm in ALGORITHMS.items()}
+    common = max(set(frames.values()), key=list(frames.values()).count)
+    others = [f"{name}: {count}" for name, count in frames.items() if count != common]
+    return ", ".join([str(common), *others])
 
 
 def check(request: Request, workers: int) -> None:
@@ -75,15 +80,6 @@ def check(request: Request, workers: int) -> None:
         raise ConfigError(f"--seed must not be negative, got {request.seed}")
     if request.frames is not None and request.frames < 1:
         raise ConfigError(f"--frames must be at least 1, got {request.frames}")
-
-
-def _make_directory(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: no directory can be made there ({error.strerror}); choose another"
-        ) from error
 
 
 @contextlib.contextmanager
@@ -105,7 +101,7 @@ def work(request: Request) -> None:
         if not workers.leads:
             run.train(lambda _row: None)
             return
-        with ProgressView(run.trainer.frames, run.total_frames, run.facts.failure) as view:
+        with ProgressView(run.trainer.frames, run.trainer.settings.whole_frames, run.facts.failure) as view:
             run.train(view.show)
         print(f"best validation score {run.best_score:.1%}; next: edge-export {request.out} --out DIR")
 
@@ -119,19 +115,33 @@ def _work_in_group(request: Request) -> EdgeError | None:
     return None
 
 
+def _tell_rounding(settings: TrainingSettings, request: Request) -> None:
+    if request.frames not in (None, settings.whole_frames):
+        print(
+            f"edge-train: --frames {request.frames} is rounded up to {settings.whole_frames}: an update "
+            f"takes {settings.environments * settings.steps}",
+            file=sys.stderr,
+        )
+
+
+def _train(request: Request, workers: int) -> None:
+    """Train in this process, or in ``workers`` others."""
+    if workers == 1:
+        work(request)
+        return
+    for refusal in launch(workers, _work_in_group, request).values():
+        if refusal:
+            raise refusal
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit code."""
     try:
         request, workers = parse(arguments)
         check(request, workers)
-        _make_directory(request.out)
-        if workers > 1:
-            make_plan(request, workers)  # one line from here says more than one from every worker
-            for refusal in launch(workers, _work_in_group, request).values():
-                if refusal:
-                    raise refusal
-        else:
-            work(request)
+        _tell_rounding(check_request(request, workers).settings, request)
+        with locked(request.out):
+            _train(request, workers)
     except EdgeError as error:
         print(f"edge-train: {error}", file=sys.stderr)
         return 2

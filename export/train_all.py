@@ -19,7 +19,7 @@ from edge_runtime.policy.bundle import MANIFEST_FILE
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.algorithms.mappo import Mappo
 from export.training.checkpoint import CHECKPOINT
-from export.training.plan import ALGORITHMS
+from export.training.request import ALGORITHMS
 
 FRAMES = {"navigation": 700_000, "balance": 2_000_000, "sampling": 900_000}
 """Control steps after which training has settled, by task."""

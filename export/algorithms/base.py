@@ -1,5 +1,6 @@
 """What the trainer asks of an on-policy algorithm; each lives in a file of its own."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,6 +37,11 @@ class TrainingSettings:
     validation_every: int = 10
     """Updates between two validations; a checkpoint follows every update."""
     validation_episodes: int = 512
+
+    @property
+    def whole_frames(self) -> int:
+        """``frames``, rounded up to whole updates: where training ends."""
+        return math.ceil(self.frames / (self.environments * self.steps)) * self.environments * self.steps
 
 
 class Algorithm(Protocol):

@@ -1,6 +1,5 @@
 """One training run in its directory: start or resume, train, validate, checkpoint."""
 
-import math
 import subprocess
 import time
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from export.scenarios import make_scenario
 from export.scenarios.scenario import EpisodeMetrics
 from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
 from export.training.metrics import MetricsRow, draw_curve, write_table
-from export.training.plan import Request, make_algorithm, make_plan
+from export.training.request import Request, check_request, make_algorithm
 from export.training.trainer import Trainer
 from export.training.validation import Validation
 from export.training.warm_start import warm_start
@@ -32,10 +31,10 @@ class TrainingRun:
         Raises:
             ConfigError: if the checkpoint is damaged or another run's, or the work cannot be shared equally.
         """
-        plan = make_plan(request, workers.count, settings)
-        self._request, self._workers, self._identity = request, workers, plan.identity
+        beginning = check_request(request, workers.count, settings)
+        self._request, self._workers, self._identity = request, workers, beginning.identity
         seeds = np.random.SeedSequence([request.seed, workers.rank]).generate_state(2).tolist()
-        share = plan.settings.environments // workers.count
+        share = beginning.settings.environments // workers.count
         scenario = make_scenario(
             request.scenario, share, seeds[0], workers.device, training=True, preferred=request.preferred
         )
@@ -46,27 +45,20 @@ class TrainingRun:
             algorithm = make_algorithm(request)
             if request.warm_start:
                 warm_start(algorithm.actor.as_flow(), request.scenario, request.warm_start, request.seed)
-            self.trainer = Trainer(scenario, algorithm, plan.settings, generator, workers)
+            self.trainer = Trainer(scenario, algorithm, beginning.settings, generator, workers)
             if request.warm_start:
                 self.trainer.adopt_critic(load(request.warm_start / CHECKPOINT)["trainer"])
         self._validation = Validation(
-            request.scenario, plan.settings.validation_episodes, workers, preferred=request.preferred
+            request.scenario, beginning.settings.validation_episodes, workers, preferred=request.preferred
         )
         self.rows: list[MetricsRow] = []
         self.best_score = float("-inf")
-        if plan.saved:
-            self._restore(plan.saved)
+        if beginning.saved:
+            self._restore(beginning.saved)
             return
         if request.warm_start:
             self._validate()  # learning on may make nothing better
         self._checkpoint()
-
-    @property
-    def total_frames(self) -> int:
-        """Team frames at which the run is finished: those asked for, rounded up to whole updates."""
-        settings = self.trainer.settings
-        per_update = settings.environments * settings.steps
-        return math.ceil(settings.frames / per_update) * per_update
 
     def train(self, show: Callable[[MetricsRow], None]) -> None:
         """Train to the end; ``show`` is called after every update, when the checkpoint holds it.
@@ -76,10 +68,10 @@ class TrainingRun:
         """
         before = self.rows[-1].seconds if self.rows else 0.0
         began = time.monotonic()
-        while self.trainer.frames < self.total_frames:
+        while self.trainer.frames < self.trainer.settings.whole_frames:
             row = self._update(lambda: before + time.monotonic() - began)
             due = (len(self.rows) + 1) % self.trainer.settings.validation_every == 0
-            due = due or self.trainer.frames >= self.total_frames
+            due = due or self.trainer.frames >= self.trainer.settings.whole_frames
             self.rows.append(self._validated(row) if due else row)
             self._checkpoint()
             if due:

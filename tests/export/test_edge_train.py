@@ -1,6 +1,15 @@
-import pytest
+import re
+import subprocess
+import sys
+from dataclasses import replace
 
-from export.edge_train import main
+import pytest
+from training_runs import SETTINGS
+
+from export import edge_train
+from export.algorithms.mafpo_chain import MafpoChain
+from export.edge_train import main, make_parser
+from export.training.lock import locked
 
 
 @pytest.mark.parametrize(
@@ -20,14 +29,48 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, cap
     assert not list(tmp_path.iterdir())
 
 
-def test_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
-    (tmp_path / "file").touch()
-    assert main(["navigation", "--out", str(tmp_path / "file" / "run")]) == 2
+@pytest.mark.parametrize("out", ["/proc/run", "/proc/self", "/dev/null/run"])
+def test_directory_that_cannot_be_written_is_one_line(out, capsys):
+    assert main(["navigation", "--out", out]) == 2
     error = capsys.readouterr().err
-    assert error == (
-        f"edge-train: --out {tmp_path}/file/run: no directory can be made there (Not a directory); "
-        "choose another\n"
+    assert re.fullmatch(
+        rf"edge-train: --out {out}: nothing can be written there \([\w ]+\); choose another\n", error
     )
+
+
+def test_a_second_edge_train_in_one_directory_is_refused_until_the_first_has_ended(tmp_path, capsys):
+    code = (
+        "import sys; from pathlib import Path; from export.training.lock import locked\n"
+        "with locked(Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as first:
+        first.stdout.readline()
+        assert main(["navigation", "--out", str(tmp_path)]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "another edge-train is at work there" in error
+        first.kill()
+    with locked(tmp_path):
+        pass
+
+
+def test_frames_are_not_rounded_in_silence(tmp_path, capsys, monkeypatch):
+    trained = []
+    monkeypatch.setattr(MafpoChain, "settings", replace(SETTINGS, frames=96))
+    monkeypatch.setattr(edge_train, "work", trained.append)
+    for frames, told in (("100", True), ("96", False)):
+        assert main(["navigation", "--out", str(tmp_path), "--frames", frames]) == 0
+        error = capsys.readouterr().err
+        assert ("--frames 100 is rounded up to 144: an update takes 48" in error) == told
+    assert [request.frames for request in trained] == [100, 96]
+
+
+def test_help_tells_every_default():
+    for action in make_parser()._actions:
+        if action.default not in (None, False, "==SUPPRESS=="):
+            assert "(default: %(default)s)" in action.help
+    assert "700000, mafpo-warm: 400000" in make_parser().format_help().replace("-\n" + 24 * " ", "-")
 
 
 def test_unknown_scenario_names_the_known_ones(tmp_path, capsys):

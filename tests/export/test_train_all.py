@@ -7,7 +7,7 @@ from export import train_all
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.edge_train import parse
 from export.train_all import FRAMES, jobs, main
-from export.training.plan import ALGORITHMS, make_plan
+from export.training.request import ALGORITHMS, check_request
 
 
 def job(out, algorithm, scenario="balance", seed=2):
@@ -36,7 +36,7 @@ def test_edge_train_takes_the_commands_of_every_job(tmp_path, scenario, algorith
     request = train_request(wanted)
     assert (request.scenario, request.algorithm, request.seed) == (scenario, algorithm, 2)
     assert not request.resume
-    assert make_plan(request, 1).settings.frames == request.frames
+    assert check_request(request, 1).settings.frames == request.frames
     assert train_request(begun(wanted)).resume
 
 

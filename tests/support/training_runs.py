@@ -6,7 +6,7 @@ import torch
 
 from export.algorithms.base import TrainingSettings
 from export.distributed import Workers
-from export.training.plan import Request
+from export.training.request import Request
 from export.training.run import TrainingRun
 
 SETTINGS = TrainingSettings(

@@ -17,7 +17,7 @@ from export.algorithms.mafpo_warm import MafpoWarm, match
 from export.distributed import Workers
 from export.training import warm_start
 from export.training.checkpoint import load, load_policy
-from export.training.plan import ALGORITHMS, make_plan
+from export.training.request import ALGORITHMS, check_request
 from export.training.run import TrainingRun
 
 
@@ -134,10 +134,10 @@ def test_checkpoint_of_another_shape_is_refused(finished, tmp_path):
 
 def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
     with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
-        make_plan(request(finished), 1)
+        check_request(request(finished), 1)
     with pytest.raises(ConfigError, match="start it without --resume"):
-        make_plan(request(tmp_path, resume=True), 1)
-    assert make_plan(request(tmp_path), 1).saved is None
+        check_request(request(tmp_path, resume=True), 1)
+    assert check_request(request(tmp_path), 1).saved is None
 
 
 def test_work_that_cannot_be_shared_equally_is_refused(tmp_path):

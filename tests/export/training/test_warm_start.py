@@ -14,7 +14,7 @@ from export.distributed import Workers
 from export.scenarios import make_scenario, scenario_facts
 from export.training import warm_start
 from export.training.checkpoint import load, load_policy
-from export.training.plan import make_plan
+from export.training.request import check_request
 from export.training.run import TrainingRun
 
 BRIEF = replace(SETTINGS, frames=3 * 48, validation_every=9)
@@ -108,7 +108,7 @@ def test_a_resumed_warm_run_neither_needs_nor_takes_the_gaussian_policy(runs, tm
     assert same(resumed.trainer.state_dict(), before.trainer.state_dict())
     assert resumed.best_score == before.best_score
     with pytest.raises(ConfigError, match="--warm-start is for new runs"):
-        make_plan(replace(begun, resume=True), 1)
+        check_request(replace(begun, resume=True), 1)
 
 
 @pytest.mark.parametrize(

@@ -38,8 +38,8 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """How it will be done."""
+class Beginning:
+    """How the run begins."""
 
     settings: TrainingSettings
     identity: RunIdentity
@@ -47,7 +47,7 @@ class Plan:
     """The checkpoint to continue from; None for a new run."""
 
 
-def make_plan(request: Request, workers: int, settings: TrainingSettings | None = None) -> Plan:
+def check_request(request: Request, workers: int, settings: TrainingSettings | None = None) -> Beginning:
     """Check a request; ``settings`` replace the algorithm's own.
 
     Raises:
@@ -64,7 +64,7 @@ def make_plan(request: Request, workers: int, settings: TrainingSettings | None 
     identity = _identify(request, workers, frames)
     if saved:
         check_identity(request.out / CHECKPOINT, saved["identity"], identity)
-    return Plan(settings, identity, saved)
+    return Beginning(settings, identity, saved)
 
 
 def make_algorithm(request: Request) -> Algorithm:
