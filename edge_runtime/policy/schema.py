@@ -33,7 +33,7 @@ ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
 GRAPH_FILE: Final = "policy.onnx"
 WEIGHTS_FILE: Final = "policy.npz"
 MAX_EULER_STEPS: Final = 1000
-MAX_RAYS: Final = 4096
+MAX_RAYS: Final = 1024
 MAX_LAYERS: Final = 16
 """As many as the compiled kernel takes."""
 MAX_WIDTH: Final = 4096

@@ -19,8 +19,8 @@ from edge_runtime.tools.pose.recording import Sample, read_recording
 from edge_runtime.tools.pose.stream_host import StreamHost
 
 DESCRIPTION: Final = """\
-Tell robots where they are: OptiTrack rigid bodies (NatNet 4.0, 4.1), or a recording, as authenticated frames.
-Serves the robots of the fleet file whose `pose` or `ranges` is this program's address, when they ask."""
+Tell robots where they are: OptiTrack rigid bodies (NatNet 4.0 to 4.2) or a recording, as authenticated
+frames. Serves the robots of the fleet file whose `pose` or `ranges` is its address, when they ask."""
 EPILOG: Final = """\
 exit codes:
   0  the recording is over, or SIGTERM or SIGINT

@@ -1,5 +1,7 @@
 """Where poses come from: each feed publishes what it has until it ends."""
 
+import contextlib
+import math
 import select
 import socket
 import time
@@ -16,6 +18,7 @@ from edge_runtime.tools.pose.natnet import (
     NatNetError,
     Server,
     Up,
+    check_version,
     connect_packet,
     keep_alive_packet,
     read_frame,
@@ -27,7 +30,10 @@ from edge_runtime.tools.pose.velocity import VelocityFit
 
 CONNECT_S: Final = 5.0
 """How long a server may take to answer."""
+CONNECT_AGAIN_S: Final = 0.5
 KEEP_ALIVE_S: Final = 1.0
+SILENT_S: Final = 2.0
+"""A server that has sent no frame for so long is asked again as at first: it may have started anew."""
 LISTEN_S: Final = 0.002
 """How long robots' requests are waited for at a time."""
 
@@ -80,16 +86,18 @@ class NatNetFeed:
         self._data = self._command
         self.refused = 0
         """Packets that were not NatNet."""
+        self._heard_s = time.monotonic()
+        """When the newest frame came."""
         try:
             self._server = self._connect()
             if self._server.group:
-                self._data = _join(*self._server.group)
+                self._data = _join(*self._server.group, self._local_address())
         except OSError as error:
             self.close()
             raise ConfigError(f"--natnet {server}: {error.strerror or error}") from error
-        except ConfigError:
+        except ConfigError as error:
             self.close()
-            raise
+            raise ConfigError(f"--natnet {server}: {error}") from error
 
     def __enter__(self) -> "NatNetFeed":
         """Nothing more needs opening."""
@@ -105,16 +113,30 @@ class NatNetFeed:
         self._data.close()
 
     def publish(self, host: StreamHost, ending: Callable[[], str]) -> None:
-        """Publish every tracked body as it comes."""
+        """Publish every tracked body as it comes; a network that is gone for a while is waited for."""
         alive_s = 0.0
         while not ending():
             now = time.monotonic()
             if now >= alive_s:
-                self._command.sendto(keep_alive_packet(), self._place)
+                self._ask(keep_alive_packet() if now - self._heard_s < SILENT_S else connect_packet())
                 alive_s = now + KEEP_ALIVE_S
-            if select.select((self._data,), (), (), LISTEN_S)[0]:
-                self._take(self._data.recv(PACKET_BYTES), time.monotonic(), host)
+            if (packet := self._hear(self._data, LISTEN_S)) is not None:
+                self._take(packet, time.monotonic(), host)
             host.listen()
+
+    def _ask(self, packet: bytes) -> None:
+        with contextlib.suppress(OSError):  # as good as lost: the next one may arrive
+            self._command.sendto(packet, self._place)
+
+    def _hear(self, data: socket.socket, seconds: float) -> bytes | None:
+        """Return the next packet; None if none came, or one from a stranger."""
+        if not select.select((data,), (), (), seconds)[0]:
+            return None
+        try:
+            packet, (address, _) = data.recvfrom(PACKET_BYTES)
+        except OSError:
+            return None  # word that nobody is there
+        return packet if data is not self._command or address == self._place[0] else None
 
     def _take(self, packet: bytes, arrival_s: float, host: StreamHost) -> None:
         try:
@@ -124,6 +146,7 @@ class NatNetFeed:
             return
         if frame is None:
             return
+        self._heard_s = arrival_s
         self._clock.heard(frame.stamp_s, arrival_s)
         stamp_s = self._clock.local_s(frame.stamp_s)
         for body in frame.bodies:
@@ -135,26 +158,36 @@ class NatNetFeed:
                 host.publish(Kind.POSE, robot_id, stamp_s, (*position_m, *velocity, heading_rad))
 
     def _connect(self) -> Server:
-        end_s = time.monotonic() + CONNECT_S
-        while time.monotonic() < end_s:
-            self._command.sendto(connect_packet(), self._place)
-            if not select.select((self._command,), (), (), 0.5)[0]:
-                continue
-            try:
-                if server := read_server(self._command.recv(PACKET_BYTES)):
+        asked_s, end_s = -math.inf, time.monotonic() + CONNECT_S
+        while (now := time.monotonic()) < end_s:
+            if now - asked_s >= CONNECT_AGAIN_S:
+                self._ask(connect_packet())
+                asked_s = now
+            packet = self._hear(self._command, LISTEN_S)
+            with contextlib.suppress(NatNetError):  # junk is passed over
+                if packet is not None and (server := read_server(packet)):
+                    check_version(server.version)
                     return server
-            except NatNetError as error:
-                raise ConfigError(f"--natnet {self._place[0]}: {error}") from error
         raise ConfigError(
-            f"--natnet {self._place[0]}: no answer on port {self._place[1]} within {CONNECT_S:g} s; "
+            f"no answer on port {self._place[1]} within {CONNECT_S:g} s; "
             "is streaming enabled in Motive, and does it use this network?"
         )
 
+    def _local_address(self) -> str:
+        """Our own address on the way to the server: where its group is to be joined."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+            way.connect(self._place)
+            return str(way.getsockname()[0])
 
-def _join(group: str, port: int) -> socket.socket:
+
+def _join(group: str, port: int, local: str) -> socket.socket:
     data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    data.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    data.bind((group, port))
-    membership = socket.inet_aton(group) + socket.inet_aton("0.0.0.0")  # noqa: S104  # any interface
-    data.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    try:
+        data.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        data.bind((group, port))
+        membership = socket.inet_aton(group) + socket.inet_aton(local)
+        data.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError:
+        data.close()
+        raise
     return data

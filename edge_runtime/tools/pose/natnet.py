@@ -1,9 +1,9 @@
-"""NatNet 4.0 and 4.1, the protocol of OptiTrack's Motive: what a client of rigid bodies reads and says.
+"""NatNet 4.0 to 4.2, the protocol of OptiTrack's Motive: what a client of rigid bodies reads and says.
 
 Little endian throughout. A packet is a message id and a payload size of 16 bits each, then the payload. A
 frame of data lists, one after the other: marker sets, unlabelled markers, rigid bodies, and more that is not
 read here; from 4.1 on every list's count is followed by its size in bytes. The frame ends with time code,
-time stamps, flags and an end mark, whose places are counted from the end.
+time stamps, flags and an end mark, whose places are counted from the end. 4.2 (Motive 3.3) is 4.1 here.
 """
 
 import math
@@ -12,6 +12,7 @@ from typing import Final, Literal, NamedTuple
 
 import msgspec
 
+from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 
 COMMAND_PORT: Final = 1510
@@ -22,7 +23,14 @@ _SENDER: Final = struct.Struct("<256s4B4B")
 _OPTIONS: Final = struct.Struct("<?4B")
 _SERVER: Final = struct.Struct("<QH?4B")
 _BODY: Final = struct.Struct("<i3f4ffh")
-_SUFFIX: Final = {(4, 0): struct.Struct("<IIdQQQhi"), (4, 1): struct.Struct("<IIdQQQIIhi")}
+_OLDEST: Final = (4, 0)
+_SIZED: Final = (4, 1)
+"""From here on lists tell their sizes, and the frame's end is longer."""
+_NEWEST: Final = (4, 2)
+_SUFFIX: Final = {False: struct.Struct("<IIdQQQhi"), True: struct.Struct("<IIdQQQIIhi")}
+"""By whether lists tell their sizes."""
+_LATEST_S: Final = 1e9
+"""No Motive has streamed for so long."""
 _TRACKED: Final = 1
 _VECTOR_BYTES: Final = 12
 
@@ -31,7 +39,7 @@ Up = Literal["y", "z"]
 
 
 class NatNetError(ValueError):
-    """A packet that is not NatNet 4.0 or 4.1."""
+    """A packet that is not NatNet."""
 
 
 class Server(NamedTuple):
@@ -85,7 +93,7 @@ def read_server(packet: bytes) -> Server | None:
     """Read a server's description; None if the packet is another message.
 
     Raises:
-        NatNetError: if it is malformed, or of a version that is not read here.
+        NatNetError: if it is malformed.
     """
     payload = _payload(packet, _SERVER_INFO)
     if payload is None:
@@ -95,10 +103,18 @@ def read_server(packet: bytes) -> Server | None:
         _, port, multicasts, *group = _SERVER.unpack_from(payload, _SENDER.size)
     except struct.error as error:
         raise NatNetError(f"server description of {len(payload)} bytes") from error
-    version = (versions[4], versions[5])
-    if version not in _SUFFIX:
-        raise NatNetError(f"NatNet {version[0]}.{version[1]}: only 4.0 and 4.1 are read; update Motive")
-    return Server(version, (".".join(map(str, group)), port) if multicasts else None)
+    return Server((versions[4], versions[5]), (".".join(map(str, group)), port) if multicasts else None)
+
+
+def check_version(version: tuple[int, int]) -> None:
+    """Check that frames of this version can be read.
+
+    Raises:
+        ConfigError: says what to update.
+    """
+    if not _OLDEST <= version <= _NEWEST:
+        update = "Motive" if version < _OLDEST else "cfpg-edge"
+        raise ConfigError(f"NatNet {version[0]}.{version[1]}: only 4.0 to 4.2 are read; update {update}")
 
 
 def read_frame(packet: bytes, version: tuple[int, int]) -> MocapFrame | None:
@@ -110,8 +126,9 @@ def read_frame(packet: bytes, version: tuple[int, int]) -> MocapFrame | None:
     payload = _payload(packet, _FRAME_OF_DATA)
     if payload is None:
         return None
+    sized = version >= _SIZED
     try:
-        return MocapFrame(_stamp_s(payload, version), _bodies(payload, sized=version >= (4, 1)))
+        return MocapFrame(_stamp_s(payload, sized=sized), _bodies(payload, sized=sized))
     except (struct.error, ValueError) as error:
         raise NatNetError(f"frame of data of {len(payload)} bytes: {error}") from error
 
@@ -131,11 +148,11 @@ def _payload(packet: bytes, message: int) -> bytes | None:
     return packet[_HEADER.size : _HEADER.size + size]
 
 
-def _stamp_s(payload: bytes, version: tuple[int, int]) -> float:
-    suffix = _SUFFIX[version]
+def _stamp_s(payload: bytes, *, sized: bool) -> float:
+    suffix = _SUFFIX[sized]
     stamp_s = float(suffix.unpack_from(payload, len(payload) - suffix.size)[2])
-    if not math.isfinite(stamp_s):
-        raise ValueError("its time stamp is not finite")
+    if not 0.0 <= stamp_s <= _LATEST_S:
+        raise ValueError(f"its time stamp is {stamp_s:g} s")
     return stamp_s
 
 

@@ -17,7 +17,7 @@ import msgspec
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
-from edge_runtime.network.stream_wire import GREATEST_SPEED_M_S
+from edge_runtime.network.stream_wire import GREATEST_SPEED_M_S, MOST_VALUES
 
 LARGEST_FILE: Final = 1 << 26
 """Bytes; four robots at 100 Hz for half an hour take it."""
@@ -41,6 +41,8 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             raise ValueError("a line has either `x` and `y`, or `ranges`")
         if (self.vx is None) != (self.vy is None):
             raise ValueError("`vx` and `vy` go together")
+        if len(self.ranges or ()) > MOST_VALUES:
+            raise ValueError(f"`ranges` has {len(self.ranges or ())} numbers, at most {MOST_VALUES}")
         numbers = (self.t, self.x, self.y, self.heading, self.vx, self.vy, *(self.ranges or ()))
         if not all(math.isfinite(number) for number in numbers if number is not None):
             raise ValueError("every number must be finite")

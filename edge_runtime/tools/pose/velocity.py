@@ -11,6 +11,8 @@ LEAST: Final = 3
 """At least so many are fitted, however slowly they come."""
 GAP_S: Final = 0.5
 """After a longer gap the fit starts anew."""
+CLOSEST_S: Final = 1e-4
+"""After a shorter one too: no system measures so often, and no slope rests on it."""
 
 
 class VelocityFit:
@@ -22,7 +24,7 @@ class VelocityFit:
     def follow(self, stamp_s: float, position_m: Vector2) -> Vector2 | None:
         """Take in a position and return the velocity in m/s; None until there are enough."""
         samples = self._samples
-        if samples and not 0.0 < stamp_s - samples[-1][0] <= GAP_S:
+        if samples and not CLOSEST_S <= stamp_s - samples[-1][0] <= GAP_S:
             samples.clear()
         samples.append((stamp_s, *position_m))
         while len(samples) > LEAST and stamp_s - samples[0][0] > WINDOW_S:

@@ -1,9 +1,12 @@
 """edge-pose: recordings and a scripted Motive on one side, a robot's own link on the other."""
 
+import contextlib
+import errno
 import json
 import math
 import select
 import socket
+import struct
 import threading
 import time
 
@@ -17,6 +20,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
 from edge_runtime.team.membership import Alone, open_fleet
 from edge_runtime.tools.pose import edge_pose as command
+from edge_runtime.tools.pose import feeds
 from edge_runtime.tools.pose.feeds import NatNetFeed
 from edge_runtime.tools.pose.recording import Sample, read_recording
 from edge_runtime.tools.pose.stream_host import StreamHost
@@ -70,11 +74,16 @@ def test_the_velocity_is_that_of_the_middle_of_the_window():
 
 
 def test_a_gap_or_a_stamp_that_goes_back_starts_the_fit_anew():
-    for stamp in (10.0, -10.0, 0.2):
+    for stamp in (10.0, -10.0, 0.2, 0.2 + 1e-9):
         fit = VelocityFit()
         found = [fit.follow(0.01 * k, (0.0, 0.0)) for k in range(21)]
         assert found[-1] == (0.0, 0.0)
         assert fit.follow(stamp, (5.0, 5.0)) is None
+
+
+def test_stamps_that_are_all_but_equal_give_no_velocity():
+    fit = VelocityFit()
+    assert [fit.follow(k * 1e-200, (float(k), 0.0)) for k in range(9)] == [None] * 9
 
 
 POSES = [{"t": 0.01 * k, "robot": 0, "x": 0.002 * k, "y": -1.0, "heading": 0.25} for k in range(60)]
@@ -107,10 +116,11 @@ def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
 class Motive:
     """A server of one moving rigid body among others, unicast to whoever connected."""
 
-    def __init__(self, version):
-        self.version = version
+    def __init__(self, version=(4, 1), group=None, port=0):
+        self.version, self.group = version, group
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
+        self.socket.bind(("127.0.0.1", port))
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         self.port = self.socket.getsockname()[1]
         self.alive, self.kept_alive = True, 0
         self.thread = threading.Thread(target=self.serve)
@@ -125,15 +135,17 @@ class Motive:
         self.socket.close()
 
     def serve(self):
-        client, number = None, 0
+        client = None
         while self.alive:
             if select.select((self.socket,), (), (), 0.004)[0]:
-                content, client = self.socket.recvfrom(1000)
+                content, sender = self.socket.recvfrom(1000)
                 self.kept_alive += content[0] == 10
                 if content[0] == 0:
-                    self.socket.sendto(server_info(self.version), client)
+                    client = self.group or sender
+                    self.socket.sendto(b"x", sender)
+                    self.socket.sendto(struct.pack("<HH", 1, 5) + b"Motiv", sender)
+                    self.socket.sendto(server_info(self.version, *self.group or ()), sender)
             elif client:
-                number += 1
                 stamp_s = 5000.0 + time.monotonic()
                 turn = (0.0, math.sin(0.2), 0.0, math.cos(0.2))
                 bodies = [
@@ -145,23 +157,87 @@ class Motive:
                 self.socket.sendto(frame(bodies, stamp_s, self.version), client)
 
 
-@pytest.mark.parametrize("version", [(4, 0), (4, 1)])
-def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
+@contextlib.contextmanager
+def published(path, place, motive):
+    """A feed from this Motive, published to the robot."""
     ended = threading.Event()
-    address = endpoint(f"{place[0]}:{place[1]}")
-    with Motive(version) as motive, StreamHost(address, robots(path), [0], [], KEY) as host:
-        with NatNetFeed("127.0.0.1", {7: 0}, "y", motive.port) as feed:
-            server = threading.Thread(target=feed.publish, args=(host, lambda: "end" * ended.is_set()))
-            server.start()
-            seen = watch(path, 20.0, bool)
+    with (
+        StreamHost(endpoint(f"{place[0]}:{place[1]}"), robots(path), [0], [], KEY) as host,
+        NatNetFeed("127.0.0.1", {7: 0}, "y", motive.port) as feed,
+    ):
+        server = threading.Thread(target=feed.publish, args=(host, lambda: "end" * ended.is_set()))
+        server.start()
+        try:
+            yield feed
+        finally:
             ended.set()
             server.join()
+
+
+@pytest.mark.parametrize("version", [(4, 0), (4, 1), (4, 2)])
+def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
+    with Motive(version) as motive:
+        with published(path, place, motive) as feed:
+            seen = watch(path, 20.0, bool)
         assert motive.kept_alive >= 1
     assert seen[-1].position_m == pytest.approx((0.5, 2.0))
     assert seen[-1].velocity_m_s == pytest.approx((0.0, 0.0), abs=1e-9)
     assert seen[-1].heading_rad == pytest.approx(0.4)
     assert time.monotonic() - 10.0 < seen[-1].stamp_s < time.monotonic()  # in our clock, not in Motive's
     assert feed.refused >= 1
+
+
+def test_a_group_is_joined_where_the_server_is_reached(path, place):
+    """On loopback here, whatever the machine's way to everywhere else is."""
+    with Motive(group=("239.255.42.99", free_port()[1])) as motive, published(path, place, motive):
+        assert watch(path, 20.0, bool)
+
+
+def test_a_network_that_is_gone_for_a_while_is_waited_for(path, place, monkeypatch):
+    with Motive() as motive, published(path, place, motive) as feed:
+        assert watch(path, 20.0, bool)
+        gone = Gone(feed._command)
+        monkeypatch.setattr(feed, "_command", gone)
+        monkeypatch.setattr(feed, "_data", gone)
+        assert gone.failed.wait(20.0)
+        gone.there = True
+        assert watch(path, 20.0, bool)
+
+
+class Gone:
+    """A socket whose route has vanished, until it is there again."""
+
+    def __init__(self, whole):
+        self.whole, self.there, self.failed = whole, False, threading.Event()
+
+    def fileno(self):
+        return self.whole.fileno()
+
+    def sendto(self, *arguments):
+        return self._whole().sendto(*arguments)
+
+    def recvfrom(self, *arguments):
+        return self._whole().recvfrom(*arguments)
+
+    def _whole(self):
+        if not self.there:
+            self.failed.set()
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        return self.whole
+
+    def close(self):
+        self.whole.close()
+
+
+def test_a_server_that_started_anew_is_asked_again(path, place, monkeypatch):
+    monkeypatch.setattr(feeds, "SILENT_S", 0.1)
+    monkeypatch.setattr(feeds, "KEEP_ALIVE_S", 0.05)
+    with contextlib.ExitStack() as stack:
+        with Motive() as motive:
+            stack.enter_context(published(path, place, motive))
+            assert watch(path, 20.0, bool)
+        with Motive(port=motive.port):
+            assert watch(path, 20.0, bool)
 
 
 def robots(path):
@@ -171,7 +247,7 @@ def robots(path):
 def test_an_old_motive_is_refused():
     with (
         Motive((3, 1)) as motive,
-        pytest.raises(ConfigError, match=r"--natnet 127\.0\.0\.1: NatNet 3\.1: only"),
+        pytest.raises(ConfigError, match=r"^--natnet 127\.0\.0\.1: NatNet 3\.1: only"),
     ):
         NatNetFeed("127.0.0.1", {}, "y", motive.port)
 
@@ -192,6 +268,11 @@ def test_an_old_motive_is_refused():
             '{"t": 1, "robot": 0, "ranges": [1]}\n{"t": 0, "robot": 0, "ranges": [1]}',
             "line 2: t goes back to 0",
         ),
+        (
+            f'{{"t": 0, "robot": 0, "ranges": {[0] * 1025}}}',
+            "line 1: `ranges` has 1025 numbers, at most 1024",
+        ),
+        ('{"t": ' + "[" * 100_000, "line 1: "),
         ("", "is empty"),
         ("t, robot", "line 1: "),
     ],

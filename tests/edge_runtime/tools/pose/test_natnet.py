@@ -11,17 +11,19 @@ from natnet.packet_buffer import PacketBuffer
 from natnet.version import Version
 from natnet_packets import frame, packet, rigid_body, server_info
 
+from edge_runtime.errors import ConfigError
 from edge_runtime.tools.pose.natnet import (
     Body,
     NatNetError,
     Server,
+    check_version,
     connect_packet,
     keep_alive_packet,
     read_frame,
     read_server,
 )
 
-VERSIONS = [(4, 0), (4, 1)]
+VERSIONS = [(4, 0), (4, 1), (4, 2)]
 singles = st.floats(-1e3, 1e3, width=32)
 bodies = st.lists(
     st.tuples(st.integers(0, 2**31 - 1), st.tuples(*[singles] * 3), st.tuples(*[singles] * 4), st.booleans()),
@@ -46,7 +48,7 @@ def test_rigid_bodies_and_the_stamp_are_found_among_everything_else(
 def test_another_reader_reads_the_same(version):
     tracked = rigid_body(3, (1.5, 2.5, 3.5), (0.0, 0.6, 0.0, 0.8))
     content = frame([tracked, rigid_body(4, (0.0,) * 3, tracked=False)], 7.25, version)
-    theirs = DataFrame.read_from_buffer(PacketBuffer(content[4:]), Version(*version))
+    theirs = DataFrame.read_from_buffer(PacketBuffer(content[4:]), Version(*min(version, (4, 1))))
     ours = read_frame(content, version)
     assert ours.stamp_s == theirs.suffix.timestamp
     for mine, other in zip(ours.bodies, theirs.rigid_bodies, strict=True):
@@ -59,8 +61,23 @@ def test_the_server_tells_its_version_and_its_group():
     assert read_server(server_info((4, 0))) == Server((4, 0), None)
     assert read_server(server_info((4, 1), "239.255.42.99")) == Server((4, 1), ("239.255.42.99", 1511))
     assert read_server(packet(7, b"")) is None
-    with pytest.raises(NatNetError, match=r"NatNet 3\.1: only 4\.0 and 4\.1 are read; update Motive"):
-        read_server(server_info((3, 1)))
+
+
+@pytest.mark.parametrize(
+    ("version", "update"), [((3, 1), "Motive"), ((4, 3), "cfpg-edge"), ((5, 0), "cfpg-edge")]
+)
+def test_versions_that_are_not_read(version, update):
+    for read in VERSIONS:
+        check_version(read)
+    message = rf"NatNet {version[0]}\.{version[1]}: only 4\.0 to 4\.2 are read; update {update}$"
+    with pytest.raises(ConfigError, match=message):
+        check_version(version)
+
+
+@pytest.mark.parametrize("stamp_s", [math.nan, math.inf, -1.0, 1e300])
+def test_stamps_that_no_clock_has(stamp_s):
+    with pytest.raises(NatNetError, match="its time stamp is"):
+        read_frame(frame([], stamp_s), (4, 1))
 
 
 def test_what_a_client_says():
