@@ -14,22 +14,32 @@ DISTRIBUTION: Final = "cfpg-edge"
 class CommandParser(argparse.ArgumentParser):
     """A command's parser: description and epilog as they are written, flags in full, errors in one line.
 
+    A flag or argument of ``type=Path`` must name something: an empty path would be the current folder.
+
     Raises:
         ConfigError: instead of exiting, where the command line is wrong.
     """
 
-    def __init__(self, prog: str, description: str, epilog: str) -> None:
+    def __init__(self, prog: str, description: str = "", epilog: str = "", *, add_help: bool = True) -> None:
         super().__init__(
             prog=prog,
             description=description,
             epilog=epilog,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
+            add_help=add_help,
         )
+        self.register("type", Path, _path)
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the command line."""
         raise ConfigError(f"{message}; see {self.prog} --help")
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("is empty, it must name a file or folder")
+    return Path(text)
 
 
 def check_output(flag: str, path: Path, inputs: Iterable[Path | None]) -> None:

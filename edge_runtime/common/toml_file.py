@@ -74,7 +74,20 @@ def to_record(table: object, record: type[T], path: Path, key: str = "") -> T:
         return msgspec.convert(table, record)
     except msgspec.ValidationError as error:
         complaint, _, place = str(error).partition(" - at `$")
-        _refuse_place(complaint, record, place.rstrip("`"), path, key)
+        place, inside, _ = place.rstrip("`").partition("[...]")
+        if inside:
+            _check_items(table, record, place, path, key)
+        _refuse_place(complaint, record, place, path, key)
+
+
+def _check_items(table: Any, record: object, place: str, path: Path, key: str) -> None:  # noqa: ANN401
+    """Find which item of the table at ``place`` is wrong: msgspec writes ``[...]`` for any of its keys."""
+    steps = re.findall(r"\w+|\[", place)
+    for step in (step for step in steps if step != "["):
+        table = table[int(step) if step.isdigit() else step]
+    item_type = get_args(_type_at(record, steps))[1]
+    for name, item in table.items():
+        to_record(item, item_type, path, f"{key}{place}.{name}".lstrip("."))
 
 
 def _refuse_place(complaint: str, record: object, place: str, path: Path, key: str) -> NoReturn:

@@ -4,13 +4,13 @@ import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final
 
+from edge_runtime.common.command_line import CommandParser
 from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.control.mission import Mission, adapted
-from edge_runtime.errors import ConfigError
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.policy.manifest import RATE_HZ
@@ -39,13 +39,6 @@ LARGEST_SEED: Final = 2**63 - 1
 """What a log's integers hold."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Reports a wrong flag as one line."""
-
-    def error(self, message: str) -> NoReturn:
-        raise ConfigError(f"{message}; see {self.prog} --help")
-
-
 def _number(low: float, high: float) -> Callable[[str], float]:
     def convert(text: str) -> float:
         try:
@@ -71,13 +64,7 @@ def _seed(text: str) -> int:
 
 def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     """The command line; ``bridges`` are the links that --bridge may name."""
-    parser = _Parser(
-        prog="edge-run",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    parser = CommandParser("edge-run", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--robot-id", type=int, required=True, metavar="I", help="which robot of the fleet this is")
     add(
@@ -156,7 +143,7 @@ def chosen_bridge(arguments: Sequence[str] | None, bridges: Sequence[str]) -> st
     Raises:
         ConfigError: lists the known bridges.
     """
-    parser = _Parser(prog="edge-run", add_help=False, allow_abbrev=False)
+    parser = CommandParser("edge-run", add_help=False)
     parser.add_argument("--bridge", choices=bridges, default="sim")
     return str(parser.parse_known_args(arguments)[0].bridge)
 

@@ -7,6 +7,7 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Manifest
+from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.feedback import Pose
 from firmware_bridge.can.link import CanOptions
@@ -61,11 +62,13 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
     """Check everything that can be checked without the bus and describe the guard.
 
     Raises:
-        ConfigError: if profile, DBC, limits or rates do not fit.
+        ConfigError: if profile, DBC, limits, rates or the bus's address do not fit.
     """
     path = profile_path(options.profile)
     profile = load_profile(path)
     CanCodec(profile, path)
+    if profile.transport == "can":
+        bus_arguments(options.bus)
     _check_rate(profile, rate_hz)
     return GuardSpec(
         link="can",

@@ -1,11 +1,18 @@
 """Frames over python-can: SocketCAN on a robot, UDP multicast in tests, or any other of its adapters."""
 
+import contextlib
 import errno
+import importlib
+import inspect
 import logging
+import re
 from collections.abc import Iterator
 from urllib.parse import parse_qsl
 
 import can
+from can.interfaces import BACKENDS
+from can.interfaces.slcan import slcanBus
+from can.util import cast_from_string
 
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.can.frame import Frame
@@ -16,11 +23,11 @@ FRAMES_A_PASS = 64
 """Frames read before commands get their turn."""
 
 
-def bus_arguments(address: str) -> dict[str, str | int]:
+def bus_arguments(address: str) -> dict[str, str | int | float | bool]:
     """Read ``can0`` or ``interface:channel?key=value&...`` into python-can's arguments.
 
     Raises:
-        ConfigError: if the address has another form.
+        ConfigError: if the address has another form, or gives what the interface does not know.
     """
     place, _, query = address.partition("?")
     interface, colon, channel = place.partition(":")
@@ -29,38 +36,60 @@ def bus_arguments(address: str) -> dict[str, str | int]:
     options = dict(parse_qsl(query))
     if not interface or not channel or len(options) != len(query.split("&")) - (not query):
         raise ConfigError(f"--bus {address}: expected can0, or interface:channel such as slcan:/dev/ttyACM0")
-    numbers = {key: int(value) if value.isdigit() else value for key, value in options.items()}
-    return {"interface": interface, "channel": channel, **numbers}
+    known = _options_of(interface)
+    for key in options:
+        if known and key not in known:
+            raise ConfigError(f"--bus {address}: {interface} knows no {key!r}; it knows: {', '.join(known)}")
+    values = {key: cast_from_string(value) for key, value in options.items()}
+    return {"interface": interface, "channel": channel, **values}
+
+
+def _options_of(interface: str) -> list[str]:
+    """Return what an interface's constructor names or documents; nothing if its driver is missing.
+
+    python-can's interfaces take any keyword and forget those that they do not know.
+    """
+    logging.getLogger("can").setLevel(logging.CRITICAL)  # What it would log is raised as well.
+    module, name = BACKENDS.get(interface, ("", ""))
+    try:
+        kind = getattr(importlib.import_module(module), name)
+    except Exception:  # noqa: BLE001 - a driver may fail in any way while it is imported; opening it says how
+        return []
+    documented = re.findall(r":param (?:[^:\n]+ )?(\w+):", f"{kind.__doc__}{kind.__init__.__doc__}")
+    named = {*inspect.signature(kind.__init__).parameters, *documented}
+    return sorted(named - {"self", "channel", "kwargs"})
 
 
 class CanBus:
     """A python-can bus as a Transport; sends each frame once and never periodically."""
 
     def __init__(self, address: str) -> None:
+        self.malformed = 0
+        """Frames so far that the adapter's driver could not read."""
         self._address = address
         self._arguments = bus_arguments(address)
         self._bus: can.BusABC | None = None
 
     def open(self) -> None:
-        """Open the bus.
+        """Open the bus as the address says: python-can's own files and variables count for nothing.
 
         Raises:
             BridgeError: if there is no such interface, or its driver is missing.
         """
-        logging.getLogger("can").setLevel(logging.CRITICAL)  # What it would log is raised as well.
         try:
-            self._bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
+            self._bus = can.Bus(ignore_config=True, **self._arguments)  # type: ignore[arg-type]
             self._bus.fileno()
-        except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
+        except Exception as error:  # an adapter's driver raises what it likes
             raise BridgeError(
                 f"--bus {self._address}: cannot be opened ({error}); see `ip -details link show type can`"
             ) from error
 
     def close(self) -> None:
-        """Shut the bus down."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        """Shut the bus down; an adapter that is gone needs no farewell."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            with contextlib.suppress(can.CanError, OSError):
+                bus.shutdown()
 
     def fileno(self) -> int:
         """File descriptor that is readable when frames have arrived."""
@@ -71,16 +100,17 @@ class CanBus:
         message = can.Message(
             arbitration_id=frame.frame_id, data=frame.data, is_extended_id=frame.extended, check=False
         )
+        bus = self._open_bus()
         try:
-            self._open_bus().send(message, timeout=0)
-        except can.CanOperationError as error:
+            bus.send(message, timeout=0)
+        except Exception as error:  # an adapter's driver raises what it likes
             if _is_full(error):
                 return False
             raise BridgeError(f"the bus {self._address} is lost ({error})") from error
         return True
 
     def receive(self) -> Iterator[Frame]:
-        """Yield the frames that have arrived, at most FRAMES_A_PASS.
+        """Yield the frames that have arrived, at most FRAMES_A_PASS; those that cannot be read are counted.
 
         Raises:
             BridgeError: on bus-off, or if the interface went down.
@@ -89,8 +119,12 @@ class CanBus:
         for _ in range(FRAMES_A_PASS):
             try:
                 message = bus.recv(timeout=0)
-            except (can.CanError, OSError) as error:
-                raise BridgeError(f"the bus {self._address} is lost ({error})") from error
+            except Exception as error:  # an adapter's driver raises what it likes
+                if _is_lost(error):
+                    raise BridgeError(f"the bus {self._address} is lost ({error})") from error
+                self.malformed += 1
+                _skip_line(bus, error)
+                continue
             if message is None:
                 return
             if message.is_error_frame:
@@ -108,6 +142,18 @@ class CanBus:
         return self._bus
 
 
-def _is_full(error: can.CanOperationError) -> bool:
+def _is_full(error: Exception) -> bool:
     """Whether the transmit queue is full: ENOBUFS is raised at once, whatever the timeout."""
-    return error.error_code in (errno.ENOBUFS, errno.EAGAIN) or "buffer full" in str(error)
+    code = getattr(error, "error_code", None)
+    return code in (errno.ENOBUFS, errno.EAGAIN) or "buffer full" in str(error)
+
+
+def _is_lost(error: Exception) -> bool:
+    """Whether the system or the adapter failed; all else comes from the bytes of one frame."""
+    return isinstance(error.__cause__ or error, (OSError, can.CanError))
+
+
+def _skip_line(bus: can.BusABC, error: Exception) -> None:
+    """Discard what slcan keeps of a line that is no text: it would stumble over it for ever."""
+    if isinstance(bus, slcanBus) and isinstance(error.__cause__, UnicodeDecodeError):
+        bus.flush()

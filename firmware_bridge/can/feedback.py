@@ -21,12 +21,18 @@ class Pose(msgspec.Struct, frozen=True, gc=False):
 
 
 class FeedbackRules:
-    """Keeps the newest values with their times and judges them."""
+    """Keeps the newest values with their times and judges them.
+
+    Each signal that is used has an age of its own: a multiplexed message comes, whatever page is missing.
+    """
 
     def __init__(self, feedback: Feedback) -> None:
         self._feedback = feedback
         self._values: dict[str, float] = {}
-        self._times_s = dict.fromkeys(feedback.stale_s, -math.inf)
+        self._longest_s = dict(feedback.stale_s)
+        for signal in feedback.signals:
+            self._longest_s[signal] = feedback.stale_s[signal.partition(".")[0]]
+        self._times_s = dict.fromkeys(self._longest_s, -math.inf)
         self._fresh_until_s = -math.inf
         self._judged: Health | None = None
         """What the newest values mean while all of them are fresh; None until somebody asks."""
@@ -34,8 +40,9 @@ class FeedbackRules:
     def take(self, decoded: Decoded, now_s: float) -> None:
         """Remember one frame."""
         self._values.update(decoded.values)
+        self._times_s.update(dict.fromkeys(self._times_s.keys() & decoded.values.keys(), now_s))
         self._times_s[decoded.message] = now_s
-        self._fresh_until_s = min(self._times_s[name] + age for name, age in self._feedback.stale_s.items())
+        self._fresh_until_s = min(self._times_s[name] + age for name, age in self._longest_s.items())
         self._judged = None
 
     def health(self, now_s: float) -> Health:
@@ -51,7 +58,7 @@ class FeedbackRules:
             return Health(
                 Condition.OVERRIDE, f"the operator or an emergency stop took over ({self._said(rule)})"
             )
-        for name, longest_s in self._feedback.stale_s.items():
+        for name, longest_s in self._longest_s.items():
             if now_s > self._times_s[name] + longest_s:
                 return Health(Condition.FAULT, _stale(name, now_s - self._times_s[name]))
         if (rule := self._first(self._feedback.fault)) is not None:

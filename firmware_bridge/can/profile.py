@@ -93,6 +93,14 @@ class Feedback(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     override: tuple[Rule, ...] = ()
     """One holds: an operator, or an emergency stop, has the robot."""
 
+    @property
+    def signals(self) -> list[str]:
+        """Every signal that a rule or the motion rests on."""
+        rules = (*self.ready, *self.fault, *self.override)
+        motion = self.motion
+        measured = (*motion.forward, *motion.lateral, *motion.yaw, *motion.steering)
+        return list(dict.fromkeys([*(rule.signal for rule in rules), *measured]))
+
 
 class ProfileLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The most that the firmware may be asked for."""

@@ -86,6 +86,8 @@ def test_defaults_are_careful():
         ((), 10.0, "--guard-deadline 0.1 s does not fit a control period of 0.1 s"),
         (("--guard-deadline", "1"), 2.0, "2 Hz is too slow: this firmware stops after 0.5 s"),
         (("--profile", "scout"), 20.0, "--profile scout: no such profile"),
+        (("--bus", "can0?nosuch=1"), 20.0, "--bus can0.nosuch=1: socketcan knows no 'nosuch'"),
+        (("--bus", ""), 20.0, "--bus : expected can0"),
     ],
 )
 def test_each_mistake_is_told_before_anything_starts(flags, rate_hz, said):

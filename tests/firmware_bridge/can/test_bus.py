@@ -1,8 +1,14 @@
 """python-can as a transport: a real multicast bus, and a bus whose driver misbehaves as SocketCAN's does."""
 
+import contextlib
 import errno
+import os
+import pty
 import random
+import socket
+import struct
 import time
+import tty
 
 import can
 import pytest
@@ -21,6 +27,11 @@ from firmware_bridge.can.frame import Frame
             "pcan:PCAN_USBBUS1?bitrate=500000&state=x",
             {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 500000, "state": "x"},
         ),
+        (
+            "slcan:/dev/ttyACM0?listen_only=false&sleep_after_open=0.5",
+            {"interface": "slcan", "channel": "/dev/ttyACM0", "listen_only": False, "sleep_after_open": 0.5},
+        ),
+        ("gs_usb:0?index=1", {"interface": "gs_usb", "channel": "0", "index": 1}),
     ],
 )
 def test_addresses(address, arguments):
@@ -30,6 +41,14 @@ def test_addresses(address, arguments):
 @pytest.mark.parametrize("address", ["", "socketcan:", ":can0", "can0?x", "can0?a=1&b"])
 def test_wrong_addresses(address):
     with pytest.raises(ConfigError, match="--bus"):
+        bus_arguments(address)
+
+
+@pytest.mark.parametrize("address", ["can0?nosuch=1", "slcan:/dev/ttyACM0?bitrate=500000&baud=9600"])
+def test_what_an_interface_does_not_know_is_refused_with_what_it_does(address):
+    interface = "slcan" if "slcan" in address else "socketcan"
+    known = "bitrate" if "slcan" in address else "receive_own_messages"
+    with pytest.raises(ConfigError, match=rf"--bus .*: {interface} knows no '(nosuch|baud)'; .*{known}"):
         bus_arguments(address)
 
 
@@ -57,6 +76,96 @@ def test_frames_go_both_ways():
     peer.close()
     with pytest.raises(BridgeError, match="not open"):
         peer.fileno()
+
+
+def test_python_cans_own_configuration_counts_for_nothing(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / ".canrc").write_text("[default]\nhop_limit = 7\n[default2]\n")
+    monkeypatch.setenv("CAN_CONFIG", '{"receive_own_messages": true}')
+    monkeypatch.setitem(can.rc, "fd", True)
+    made = []
+    monkeypatch.setattr(
+        can.interfaces.udp_multicast.UdpMulticastBus, "__init__", lambda _, *a, **k: made.append((a, k))
+    )
+    with contextlib.suppress(BridgeError, AttributeError):
+        CanBus("udp_multicast:239.75.1.7?port=43200").open()
+    assert made == [(("239.75.1.7",), {"port": 43200})]
+
+
+@pytest.fixture
+def adapter():
+    """A slcan adapter on a pseudo terminal: what it sends, and the bus that reads it."""
+    end, computer = pty.openpty()
+    tty.setraw(end)
+    bus = CanBus(f"slcan:{os.ttyname(computer)}?sleep_after_open=0")
+    bus.open()
+    yield end, bus
+    bus.close()
+    for descriptor in (end, computer):
+        os.close(descriptor)
+
+
+def received(bus, frames):
+    """Read until so many frames have come."""
+    found, end = [], time.monotonic() + 10
+    while len(found) < frames and time.monotonic() < end:
+        found += bus.receive()
+    return found
+
+
+GOOD = b"t22181122334455667788\r"
+
+
+@pytest.mark.parametrize(
+    "junk",
+    [
+        b"t211\r",
+        b"t2118112\r",
+        b"t2118zz\r",
+        b"t21181122\xff\r",
+        b"\xfe\xff\r",
+        b"T1\r",
+        b"d221\r",
+        b"txyz8\r",
+    ],
+)
+def test_a_cut_line_or_noise_is_counted_and_changes_nothing(adapter, junk):
+    end, bus = adapter
+    os.write(end, GOOD)
+    assert received(bus, 1) == [Frame(0x221, bytes.fromhex("1122334455667788"))]
+    os.write(end, junk)
+    stop = time.monotonic() + 10
+    while not bus.malformed and time.monotonic() < stop:
+        assert list(bus.receive()) == []
+    os.write(end, GOOD)
+    assert received(bus, 1) == [Frame(0x221, bytes.fromhex("1122334455667788"))]
+    assert bus.malformed == 1
+
+
+def test_an_adapter_that_is_pulled_out_is_lost(adapter):
+    end, bus = adapter
+    os.close(end)
+    try:
+        with pytest.raises(BridgeError, match="is lost"):
+            received(bus, 1)
+    finally:
+        os.dup2(os.open(os.devnull, os.O_RDWR), end)
+
+
+def test_a_datagram_that_is_no_frame_is_counted():
+    port = random.randrange(43200, 60000)
+    group = f"239.75.{random.randrange(256)}.7"
+    bus, peer = CanBus(f"udp_multicast:{group}?port={port}"), CanBus(f"udp_multicast:{group}?port={port}")
+    bus.open()
+    peer.open()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for junk in (b"\xc1", b"\x05", b"", b"\x93\1\2\3", struct.pack("<d", 1.0)):
+            sender.sendto(junk, (group, port))
+    peer.send(Frame(0x111, b"\1"))
+    assert received(bus, 1) == [Frame(0x111, b"\1")]
+    assert bus.malformed == 5
+    bus.close()
+    peer.close()
 
 
 class Driver:

@@ -92,7 +92,10 @@ def test_every_part_of_the_motion_adds_to_a_signal(codec):
 
 
 def test_protected_messages_count_apart(codec):
-    made = codec(tables=PROTECTION.format("Drive", 1) + PROTECTION.format("Arm", 2))
+    made = codec(
+        toml=("[limits]", '[[enable]]\nmessage = "Arm"\nsignals = { On = 1 }\n[limits]'),
+        tables=PROTECTION.format("Drive", 1) + PROTECTION.format("Arm", 2),
+    )
     drives = [made.encode(Motion(0.5))[0].data for _ in range(3)]
     assert [counter_of(data, Protection("e2e_p01", data_id=1)) for data in drives] == [0, 1, 2]
     arm = made.encode_step(Step("Arm", {"On": 1}))
@@ -121,6 +124,82 @@ def test_an_unreadable_dbc_is_one_line_with_the_parsers_words(codec):
     assert said.startswith("dbc: ")
     assert "Invalid syntax at line 5" in said
     assert "\n" not in said
+
+
+UNUSED = "BO_ 18 Beep: 1 Computer"
+
+
+@pytest.mark.parametrize(
+    "beep",
+    ["BO_ 18 Beep: 16 Computer", "BO_ 16 Beep: 1 Computer"],
+    ids=["of CAN FD", "with a used identifier"],
+)
+def test_what_nobody_uses_does_not_matter(codec, beep):
+    codec(dbc=(UNUSED, beep))
+    codec(dbc=("Loud : 0|8@1+ (1,0)", "Loud : 0|8@1+ (0,0)"))
+
+
+@pytest.mark.parametrize("factor", ["0", "1e400"])
+def test_a_factor_that_computes_nothing_is_refused_where_it_is_used(codec, factor):
+    dbc = ("Turn : 32|16@1- (0.01,0)", f"Turn : 32|16@1- ({factor},0)")
+    said = complaint(codec, dbc=dbc)
+    assert said == f"motion.Drive: Drive.Turn has the factor {float(factor):g} in the DBC"
+    dbc = ("State : 0|8@1+ (1,0)", f"State : 0|8@1+ ({factor},0)")
+    said = complaint(codec, dbc=dbc)
+    assert said == f"feedback: Status.State has the factor {float(factor):g} in the DBC"
+
+
+@pytest.mark.parametrize(
+    ("dbc", "said"),
+    [
+        (("Drive: 8", "Drive: 16"), "motion.Drive: Drive has 16 bytes, frames of CAN FD are not spoken"),
+        (("Status: 8", "Status: 9"), "feedback: Status has 9 bytes, frames of CAN FD are not spoken"),
+    ],
+)
+def test_messages_longer_than_a_classic_frame_are_refused(codec, dbc, said):
+    assert complaint(codec, dbc=dbc) == said
+
+
+EXTENDED = ("BO_ 16 Drive", f"BO_ {2**31 + 16} Drive")
+
+
+@pytest.mark.parametrize(
+    ("dbc", "ids", "said"),
+    [
+        (("", ""), "Drive = 0x8CD", "frame_ids.Drive: 0x8cd does not fit the 11 bits of its kind"),
+        (("", ""), "Drive = -1", "frame_ids.Drive: -0x1 does not fit the 11 bits of its kind"),
+        (EXTENDED, "Drive = 0x80000010", "frame_ids.Drive: 0x80000010 does not fit the 29 bits of its kind"),
+        (("", ""), "Drive = 32", "frame_ids.Drive: Status and Drive have the same identifier 0x20"),
+        (("", ""), "Beep = 0x800", "frame_ids.Beep: 0x800 does not fit the 11 bits of its kind"),
+    ],
+)
+def test_identifiers_that_are_another_frames_are_refused_with_their_key(codec, dbc, ids, said):
+    assert complaint(codec, dbc=dbc, toml=("[limits]", f"[frame_ids]\n{ids}\n[limits]")).startswith(said)
+
+
+def test_two_messages_of_one_identifier_in_the_dbc_are_refused(codec):
+    said = complaint(
+        codec,
+        dbc=("BO_ 17 Arm", "BO_ 16 Arm"),
+        toml=("[limits]", '[[enable]]\nmessage = "Arm"\n[limits]'),
+    )
+    assert said == "dbc: Arm and Drive have the same identifier 0x10"
+
+
+def test_identifiers_of_both_kinds_do_not_meet(codec):
+    made = codec(dbc=EXTENDED, toml=("[limits]", "[frame_ids]\nDrive = 32\n[limits]"))
+    assert made.encode(Motion())[0][::2] == (32, True)
+
+
+def test_an_extended_identifier_does_not_fit_a_serial_frame(codec):
+    said = complaint(codec, dbc=EXTENDED, toml=('transport = "can"', 'transport = "limo_serial"'))
+    assert said == "dbc: Drive has an extended identifier, a limo_serial frame carries none"
+
+
+def test_a_crc_beyond_the_message_is_refused(codec):
+    table = '[protection.Arm]\nprofile = "e2e_p01"\ncrc_byte = 1\n'
+    said = "protection.Arm: the message is too short for a counter and a CRC"
+    assert complaint(codec, tables=table) == said
 
 
 def test_the_crc_may_stand_in_the_last_byte_but_one():

@@ -199,6 +199,6 @@ def test_a_bus_that_cannot_be_opened():
 def test_a_limo_is_looked_for_at_its_port(tmp_path):
     (tmp_path / "alone.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
     fleet = load_fleet(tmp_path / "alone.toml")
-    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.steering, 50.0)
+    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 50.0)
     found = next(examine_link(mission, CanFlags(str(tmp_path / "ttyTHS1"), "agilex_limo", GuardFlags())))
     assert (found.name, found.verdict) == ("serial port", Verdict.FAIL)

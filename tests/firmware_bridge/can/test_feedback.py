@@ -50,7 +50,7 @@ def test_each_look_judges_what_is_newest():
     made.take(Decoded("S", {"S.mode": 0, "S.error": 0}), 10.05)
     assert made.health(10.05).condition is Condition.WAITING
     assert made.health(10.11).condition is Condition.FAULT
-    made.take(Decoded("M", {"M.v": 0.0}), 10.25)
+    made.take(Decoded("M", {"M.v": 0.0, "M.w": 0.0, "M.l": 0.0, "M.r": 0.0}), 10.25)
     made.take(Decoded("S", {"S.mode": 1, "S.error": 0}), 10.25)
     assert made.health(10.3).condition is Condition.READY
     assert made.health(10.36).detail == "M is 0.11 s old"
@@ -60,6 +60,27 @@ def test_before_anything_arrived():
     health = FeedbackRules(FEEDBACK).health(0.0)
     assert health.condition is Condition.FAULT
     assert health.detail == "no S received yet"
+
+
+def test_each_page_of_a_multiplexed_message_has_its_own_age():
+    made = FeedbackRules(FEEDBACK)
+    made.take(Decoded("S", {"S.mode": 1}), 10.0)
+    made.take(Decoded("M", {"M.v": 1.0, "M.w": 3.0, "M.l": 0.5, "M.r": 0.25}), 10.0)
+    health = made.health(10.0)
+    assert (health.condition, health.detail) == (Condition.FAULT, "no S.error received yet")
+    made.take(Decoded("S", {"S.error": 0}), 10.01)
+    assert made.health(10.02).condition is Condition.READY
+    for time in (10.1, 10.3, 10.5, 10.6):
+        made.take(Decoded("S", {"S.error": 0}), time)
+        made.take(Decoded("M", {"M.v": 1.0, "M.w": 3.0, "M.l": 0.5, "M.r": 0.25}), time)
+    health = made.health(10.6)
+    assert (health.condition, health.detail) == (Condition.FAULT, "S.mode is 0.60 s old")
+
+
+def test_an_override_of_a_page_that_is_gone_still_holds():
+    made = rules(mode=3)
+    made.take(Decoded("S", {"S.error": 0}), 12.0)
+    assert made.health(12.0).condition is Condition.OVERRIDE
 
 
 def test_motion_is_a_weighted_sum():
