@@ -16,8 +16,8 @@ from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import unguided
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import ConfigError
-from edge_runtime.motion.outlook import Floats
 from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import Bundle, packaged_bundle
 from edge_runtime.tools.report.page.animation import Load, Scene, animate, check_target

@@ -6,13 +6,14 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
+from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.policy.weights import Activation, Array, FlowWeights
+from edge_runtime.policy.weights import Activation, FlowWeights
+from export.evaluation.outlook import TeamBatch
 
 TIME_FEATURES = 16
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)

@@ -14,11 +14,11 @@ import numpy as np
 
 from benchmarks.latency.cases import Workload
 from edge_runtime.errors import PolicyError
-from edge_runtime.guidance.batch import guided_actions
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
+from export.evaluation.guidance import guided_actions
 
 Tick = Callable[[], np.ndarray]
 

@@ -8,9 +8,9 @@ from torch import Tensor, nn
 
 from benchmarks.latency.cases import Workload
 from benchmarks.latency.torch_eager import hierarchical
-from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy.weights import FlowWeights
+from export.evaluation.outlook import look_ahead_batch
 
 
 class Field(nn.Module):

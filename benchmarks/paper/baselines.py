@@ -14,9 +14,10 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from edge_runtime.guidance.batch import action_slopes
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.motion.outlook import Floats, OutlookBatch
+from export.evaluation.guidance import action_slopes
+from export.evaluation.outlook import OutlookBatch
 
 
 class DescentSettings(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,7 +15,8 @@ from benchmarks.paper.judges import Flags, Outcome, motion
 from benchmarks.paper.masses import set_masses
 from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.tasks import Task
-from edge_runtime.motion.outlook import Floats, TeamBatch
+from edge_runtime.common.arrays import Floats
+from export.evaluation.outlook import TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Scenario
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
 from export.scenarios.definitions import BalanceDefinition, NavigationDefinition, SamplingDefinition
 from export.scenarios.scenario import Scenario, Transition
 

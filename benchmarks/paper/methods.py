@@ -6,13 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
-from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide, make_guide
-from edge_runtime.guidance.projection import BatchCombine
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
+from export.evaluation.guidance import guided_actions
+from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
+from export.evaluation.projection import BatchCombine
 
 Observations = npt.NDArray[np.float32]
 Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]

@@ -3,7 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.motion.outlook import Floats, TeamBatch
+from edge_runtime.common.arrays import Floats
+from export.evaluation.outlook import TeamBatch
 
 
 class Neighbourhood:

@@ -11,7 +11,7 @@ from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import unguided
 from benchmarks.paper.policies import load_policy
 from benchmarks.paper.tasks import Task
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
 from export.scenarios.definitions import SAMPLING
 from export.scenarios.scenario import Scenario
 

@@ -5,13 +5,13 @@ import random
 
 import numpy as np
 
-from edge_runtime.control.limits import Limits, first_command, limited
+from edge_runtime.common.arrays import Array
+from edge_runtime.control.limits import CommandLimits, first_command, limited
 from edge_runtime.guidance.flow import GuidedAction, guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.numpy_policy import VelocityField
-from edge_runtime.policy.weights import Array
 
 
 class Controller:
@@ -32,7 +32,7 @@ class Controller:
         observer: Observer,
         policy: VelocityField,
         guide: Guide,
-        limits: Limits,
+        limits: CommandLimits,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id

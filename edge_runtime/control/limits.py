@@ -13,7 +13,7 @@ from edge_runtime.messages import Command, RobotState, TeamState, Vector2
 from edge_runtime.motion.dynamics import Preview
 
 
-class Limits(msgspec.Struct, frozen=True, gc=False):
+class CommandLimits(msgspec.Struct, frozen=True, gc=False):
     """What one robot may be commanded."""
 
     low: Vector2
@@ -30,7 +30,7 @@ class Limits(msgspec.Struct, frozen=True, gc=False):
 
 
 def limited(
-    guided: GuidedAction, team: TeamState, previous: Command, limits: Limits, now_s: float
+    guided: GuidedAction, team: TeamState, previous: Command, limits: CommandLimits, now_s: float
 ) -> Command:
     """Turn a guided action into this tick's command.
 

@@ -10,7 +10,7 @@ from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
-from edge_runtime.control.limits import Limits
+from edge_runtime.control.limits import CommandLimits
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
@@ -112,12 +112,12 @@ class Mission:
         manifest = self.bundle.manifest
         return make_guide(asked, manifest.dynamics, manifest.start, guided=self.guided)
 
-    def _limits(self, robot: Robot, max_speed_m_s: float) -> Limits:
+    def _limits(self, robot: Robot, max_speed_m_s: float) -> CommandLimits:
         team, manifest = self.fleet.team, self.bundle.manifest
         slew_per_s = math.inf if team.slew_per_s is None else team.slew_per_s
         slew_per_s = slew_per_s if robot.slew_per_s is None else robot.slew_per_s
         x, y = manifest.action
-        return Limits(
+        return CommandLimits(
             low=(x.low, y.low),
             high=(x.high, y.high),
             preview=manifest.dynamics.at_period(self.period_s).preview(1),

@@ -17,7 +17,7 @@ in Newton steps for costs in squared action units, whatever eta and however cont
 Preferences (formations, clusters) are wishes: they move the action by ``reach`` at most, and robots that
 carry or explore can go on. Requirements (speed, distance, fences) have the last word, and no limit.
 
-This is the control loop's form, for one planar robot; `edge_runtime.guidance.batch` serves B robots.
+This is for one planar robot; `export.evaluation.guidance` serves B robots.
 """
 
 import math
@@ -30,7 +30,7 @@ import numpy.typing as npt
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.projection import PLANAR, cone, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.messages import GuidedAction, TeamState, Vector2
-from edge_runtime.motion.outlook import Motion, Outlook, look_ahead
+from edge_runtime.motion.outlook import Outlook, PredictedMotion, look_ahead
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.compiled_policy import CompiledPolicy, encode
 from edge_runtime.policy.numpy_policy import VelocityField
@@ -227,7 +227,7 @@ def _action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) 
     """Cost of an action and its derivatives, through the dynamics preview."""
     x, y, vx, vy = outlook.drift
     shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-    motion = Motion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
+    motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
     cost, d_x, d_y, d_vx, d_vy = objective.evaluate(motion, outlook)
     return cost, shift * d_x + push * d_vx, shift * d_y + push * d_vy
 

@@ -1,11 +1,11 @@
 """Execution objectives: what a team is asked while it drives, one objective a module.
 
-To add one, subclass `Objective` and write ``evaluate``; ``evaluate_batch`` is only for speed.
+To add one, subclass `Objective` and write ``evaluate``.
 """
 
 from edge_runtime.objectives.clustering import Clustering
 from edge_runtime.objectives.geofence import Geofence
-from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope, SlopeBatch
+from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope
 from edge_runtime.objectives.passing import Passing
 from edge_runtime.objectives.safety_margin import SafetyMargin
 from edge_runtime.objectives.spacing import Spacing
@@ -24,7 +24,6 @@ __all__ = [
     "Passing",
     "SafetyMargin",
     "Slope",
-    "SlopeBatch",
     "Spacing",
     "SpatialOrder",
     "SpeedLimit",

@@ -3,10 +3,8 @@
 import math
 from typing import ClassVar
 
-import numpy as np
-
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
-from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.objectives.objective import Objective, Slope
 
 COINCIDENT_M = 1e-9
 """Closer to the centroid than this, rounding alone would decide a robot's direction from it."""
@@ -31,7 +29,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
         if self.radius_m <= 0.0:
             raise ValueError(f"`radius_m` must be positive, got {self.radius_m}")
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         mates, gain = outlook.neighbours, outlook.preview.position_gain
         if not mates:
@@ -56,22 +54,3 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
         cure = (total / count - self.radius_m) / gain
         push = cure / (gain * count)
         return Slope(0.5 * cure * cure, push * (own_x - sum_x / count), push * (own_y - sum_y / count))
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions."""
-        gain, count = outlook.preview.position_gain, outlook.mate_id.shape[1] + 1
-        if count == 1:
-            return SlopeBatch(
-                np.zeros(len(position_m)), np.zeros_like(position_m), np.zeros_like(velocity_m_s)
-            )
-        team = np.concatenate([position_m[:, None], outlook.mate_position_m], 1)
-        offset = team - team.sum(1, keepdims=True) / count
-        distance = np.sqrt(np.square(offset).sum(-1))
-        ids = np.concatenate([outlook.robot_id[:, None], outlook.mate_id], 1)
-        angle = 2.0 * math.pi * (ids[:, None] < ids[:, :, None]).sum(-1) / count
-        amid = distance < COINCIDENT_M
-        outward = np.where(amid[..., None], np.stack([np.cos(angle), np.sin(angle)], -1), offset)
-        outward /= np.where(amid, 1.0, distance)[..., None]
-        cure = (distance.mean(-1) - self.radius_m) / gain
-        slope = (cure / (gain * count))[:, None] * (outward[:, 0] - outward.mean(1))
-        return SlopeBatch(0.5 * cure * cure, slope, np.zeros_like(velocity_m_s))

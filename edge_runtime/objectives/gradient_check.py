@@ -1,13 +1,14 @@
 """One call that checks an objective's analytic slope against finite differences of its cost."""
 
-import math
+from collections.abc import Iterator
 
 import msgspec
 import numpy as np
 
 from edge_runtime.errors import GradientError
+from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.outlook import Motion, Outlook, OutlookBatch, TeamBatch, look_ahead_batch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion, look_ahead
 from edge_runtime.objectives import Objective, Slope
 
 _STEP = 1e-6
@@ -33,7 +34,7 @@ def check_gradient(
     extent_m: float = 0.4,
     seed: int = 0,
 ) -> GradientReport:
-    """Compare slope and cost at random motions, one robot at a time and batched.
+    """Compare slope and cost at random motions.
 
     Args:
         objective: what to check.
@@ -44,18 +45,14 @@ def check_gradient(
         seed: of the random team states.
 
     Raises:
-        GradientError: if a slope is wrong, the batched form differs, or no motion had a slope.
+        GradientError: if a slope is wrong, or no motion had one.
     """
-    outlooks = _random_outlooks(objective, dynamics, teammates, motions, extent_m, seed)
-    position, velocity = outlooks.drift_position_m, outlooks.drift_velocity_m_s
-    batch = objective.evaluate_batch(position, velocity, outlooks)
     worst, active = 0.0, 0
-    for i in range(motions):
-        motion, outlook = Motion(*position[i].tolist(), *velocity[i].tolist()), outlooks.row(i)
-        slope = objective.evaluate(motion, outlook)
-        worst = max(worst, _slope_error(objective, motion, outlook, slope))
-        batched = Slope(float(batch.cost[i]), *batch.d_position[i].tolist(), *batch.d_velocity[i].tolist())
-        _compare_batched(objective, motion, slope, batched)
+    preview = dynamics.preview(objective.look_ahead)
+    for team in _random_teams(teammates, motions, extent_m, seed):
+        outlook = look_ahead(team, preview)
+        slope = objective.evaluate(outlook.drift, outlook)
+        worst = max(worst, _slope_error(objective, outlook.drift, outlook, slope))
         active += any(slope[1:])
     if active == 0:
         raise GradientError(
@@ -64,28 +61,22 @@ def check_gradient(
     return GradientReport(motions, active, worst)
 
 
-def _random_outlooks(
-    objective: Objective, dynamics: Dynamics, teammates: int, motions: int, extent_m: float, seed: int
-) -> OutlookBatch:
+def _random_teams(teammates: int, count: int, extent_m: float, seed: int) -> Iterator[TeamState]:
     draw = np.random.default_rng(seed)
-    ids = np.stack([draw.permutation(teammates + 1) for _ in range(motions)])
-    positions = draw.uniform(-extent_m, extent_m, (motions, teammates + 1, 2))
-    velocities = draw.uniform(-extent_m, extent_m, (motions, teammates + 1, 2))
-    team = TeamBatch(
-        robot_id=ids[:, 0],
-        position_m=positions[:, 0],
-        velocity_m_s=velocities[:, 0],
-        mate_id=ids[:, 1:],
-        mate_position_m=positions[:, 1:],
-        mate_velocity_m_s=velocities[:, 1:],
-        mate_action=draw.uniform(-1.0, 1.0, (motions, teammates, 2)),
-    )
-    return look_ahead_batch(team, dynamics.preview(objective.look_ahead))
+    for _ in range(count):
+        ids = draw.permutation(teammates + 1).tolist()
+        motions = draw.uniform(-extent_m, extent_m, (teammates + 1, 2, 2)).tolist()
+        own, *mates = (
+            RobotState(robot, 0.0, tuple(position), tuple(velocity))
+            for robot, (position, velocity) in zip(ids, motions, strict=True)
+        )
+        actions = draw.uniform(-1.0, 1.0, (teammates, 2)).tolist()
+        yield TeamState(own, tuple(Teammate(mate, tuple(u)) for mate, u in zip(mates, actions, strict=True)))
 
 
-def _slope_error(objective: Objective, motion: Motion, outlook: Outlook, slope: Slope) -> float:
+def _slope_error(objective: Objective, motion: PredictedMotion, outlook: Outlook, slope: Slope) -> float:
     worst = 0.0
-    for axis, name in enumerate(Motion._fields):
+    for axis, name in enumerate(PredictedMotion._fields):
         ahead = _cost_at(objective, motion, outlook, axis, _STEP)
         behind = _cost_at(objective, motion, outlook, axis, -_STEP)
         # At the kink of a hinge the two one-sided differences bracket the slope.
@@ -102,16 +93,9 @@ def _slope_error(objective: Objective, motion: Motion, outlook: Outlook, slope: 
     return worst
 
 
-def _cost_at(objective: Objective, motion: Motion, outlook: Outlook, axis: int, step: float) -> float:
+def _cost_at(
+    objective: Objective, motion: PredictedMotion, outlook: Outlook, axis: int, step: float
+) -> float:
     values = list(motion)
     values[axis] += step
-    return objective.evaluate(Motion(*values), outlook).cost
-
-
-def _compare_batched(objective: Objective, motion: Motion, single: Slope, batched: Slope) -> None:
-    for name, one, many in zip(Slope._fields, single, batched, strict=True):
-        if not math.isclose(one, many, rel_tol=1e-9, abs_tol=1e-9):
-            raise GradientError(
-                f"{objective.name}: evaluate gives {name} = {one:.9g}, "
-                f"evaluate_batch gives {many:.9g} at {motion}"
-            )
+    return objective.evaluate(PredictedMotion(*values), outlook).cost

@@ -10,10 +10,9 @@ import math
 from typing import ClassVar, NamedTuple
 
 import msgspec
-import numpy as np
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
 
 LONGEST_LOOK_AHEAD = 1000
 """Steps; a constant action has long lost its meaning there."""
@@ -27,14 +26,6 @@ class Slope(NamedTuple):
     d_y: float = 0.0
     d_vx: float = 0.0
     d_vy: float = 0.0
-
-
-class SlopeBatch(NamedTuple):
-    """The batched `Slope`: cost (B,), d_position (B, 2), d_velocity (B, 2)."""
-
-    cost: Floats
-    d_position: Floats
-    d_velocity: Floats
 
 
 class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
@@ -70,13 +61,6 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """The name under which configuration and reports know this objective."""
         return str(self.__struct_config__.tag or type(self).__name__)
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         raise NotImplementedError(f"{type(self).__name__} must define evaluate(motion, outlook)")
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions: positions (B, 2), velocities (B, 2)."""
-        motions = np.concatenate([position_m, velocity_m_s], -1).tolist()
-        slopes = [self.evaluate(Motion(*motion), outlook.row(i)) for i, motion in enumerate(motions)]
-        table = np.array(slopes, np.float64).reshape(-1, 5)
-        return SlopeBatch(table[:, 0], table[:, 1:3], table[:, 3:5])

@@ -1,9 +1,7 @@
 """Pass one another on agreed sides."""
 
-import numpy as np
-
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
-from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.objectives.objective import Objective, Slope
 
 
 class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
@@ -44,7 +42,7 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
         if self.margin_m < 0.0:
             raise ValueError(f"`margin_m` must not be negative, got {self.margin_m}")
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         cost = d_y = 0.0
         if outlook.robot_id not in self.order:
@@ -63,18 +61,3 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
                 cost += pull * (cure - 0.5 * pull)
                 d_y += pull / gain
         return Slope(cost, 0.0, d_y)
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions."""
-        gain, order = outlook.preview.position_gain, np.array(self.order)
-        own, mate = outlook.robot_id[:, None, None] == order, outlook.mate_id[..., None] == order
-        later = own.any(-1) & mate.any(-1) & (own.argmax(-1) > mate.argmax(-1))
-        apart = outlook.drift_position_m[:, None] - outlook.mate_position_m
-        near = np.square(apart).sum(-1) < self.reach_m * self.reach_m
-        passing = later & near & (apart[..., 0] < self.margin_m)
-        missing = self.clearance_m + position_m[:, 1:] - outlook.mate_position_m[..., 1]
-        cure = np.where(passing, np.maximum(missing, 0.0), 0.0) / gain
-        pull = np.minimum(cure, self.pull)
-        slope = np.zeros_like(position_m)
-        slope[:, 1] = pull.sum(-1) / gain
-        return SlopeBatch((pull * (cure - 0.5 * pull)).sum(-1), slope, np.zeros_like(velocity_m_s))

@@ -2,10 +2,8 @@
 
 import math
 
-import numpy as np
-
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
-from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.objectives.objective import Objective, Slope
 
 
 class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
@@ -24,7 +22,7 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
                 f"got {self.distance_m} and {self.buffer_m}"
             )
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         keep, gain = self.distance_m + self.buffer_m, outlook.preview.position_gain
         cost = d_x = d_y = 0.0
@@ -41,16 +39,3 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
                 d_x -= push * dx
                 d_y -= push * dy
         return Slope(cost, d_x, d_y)
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions."""
-        gain = outlook.preview.position_gain
-        apart = position_m[:, None] - outlook.mate_position_m
-        distance = np.sqrt(np.square(apart).sum(-1))
-        cure = np.maximum(self.distance_m + self.buffer_m - distance, 0.0) / gain
-        together = distance == 0.0
-        order = np.where(outlook.robot_id[:, None] < outlook.mate_id, -1.0, 1.0)
-        apart[..., 0] = np.where(together, order, apart[..., 0])
-        push = cure / (gain * np.where(together, 1.0, distance))
-        slope = -(push[..., None] * apart).sum(1)
-        return SlopeBatch(0.5 * np.square(cure).sum(-1), slope, np.zeros_like(velocity_m_s))

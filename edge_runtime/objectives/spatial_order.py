@@ -2,10 +2,8 @@
 
 from typing import ClassVar
 
-import numpy as np
-
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
-from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.objectives.objective import Objective, Slope
 
 
 class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
@@ -37,7 +35,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
                 f"`gap_m` must not be negative and `pull` must be positive, got {self.gap_m} and {self.pull}"
             )
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         cost = d_x = 0.0
         if outlook.robot_id not in self.order:
@@ -52,16 +50,3 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
                     cost += pull * (cure - 0.5 * pull)
                     d_x -= side * pull / gain
         return Slope(cost, d_x)
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions."""
-        gain, order = outlook.preview.position_gain, np.array(self.order)
-        own, mate = outlook.robot_id[:, None, None] == order, outlook.mate_id[..., None] == order
-        named = own.any(-1) & mate.any(-1)
-        side = np.where(own.argmax(-1) > mate.argmax(-1), 1.0, -1.0)
-        ahead = side * (position_m[:, :1] - outlook.mate_position_m[..., 0])
-        cure = np.where(named, np.maximum(self.gap_m - ahead, 0.0), 0.0) / gain
-        pull = np.minimum(cure, self.pull)
-        slope = np.zeros_like(position_m)
-        slope[:, 0] = -(side * pull).sum(-1) / gain
-        return SlopeBatch((pull * (cure - 0.5 * pull)).sum(-1), slope, np.zeros_like(velocity_m_s))

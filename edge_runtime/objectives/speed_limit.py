@@ -2,10 +2,8 @@
 
 import math
 
-import numpy as np
-
-from edge_runtime.motion.outlook import Floats, Motion, Outlook, OutlookBatch
-from edge_runtime.objectives.objective import Objective, Slope, SlopeBatch
+from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.objectives.objective import Objective, Slope
 
 
 class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
@@ -22,7 +20,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
                 f"`buffer_m_s` must lie in [0, limit_m_s), got {self.buffer_m_s} of {self.limit_m_s}"
             )
 
-    def evaluate(self, motion: Motion, outlook: Outlook) -> Slope:
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         speed = math.sqrt(motion.vx * motion.vx + motion.vy * motion.vy)
         excess = speed - self.limit_m_s + self.buffer_m_s
@@ -31,11 +29,3 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
         cure = excess / outlook.preview.velocity_gain
         pull = cure / (outlook.preview.velocity_gain * speed)
         return Slope(0.5 * cure * cure, 0.0, 0.0, pull * motion.vx, pull * motion.vy)
-
-    def evaluate_batch(self, position_m: Floats, velocity_m_s: Floats, outlook: OutlookBatch) -> SlopeBatch:
-        """Costs and slopes at B predicted motions."""
-        speed = np.sqrt(np.square(velocity_m_s).sum(-1))
-        gain = outlook.preview.velocity_gain
-        cure = np.maximum(speed - self.limit_m_s + self.buffer_m_s, 0.0) / gain
-        pull = cure / (gain * np.maximum(speed, self.limit_m_s - self.buffer_m_s))
-        return SlopeBatch(0.5 * cure * cure, np.zeros_like(position_m), pull[:, None] * velocity_m_s)

@@ -11,13 +11,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import TeamState, Vector2
-from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.policy.manifest import Body, Manifest
-from edge_runtime.policy.weights import Array
 
 SOURCES = ("position", "velocity", "goal_offset", "proximity", "ranges")
 """The fields that can be composed here; a policy with others runs only where its simulation observes."""
@@ -35,7 +33,7 @@ class Observer:
     """
 
     def __init__(self, manifest: Manifest, goal_m: Vector2) -> None:
-        _check_sources(manifest)
+        check_sources(manifest)
         self.goal_m = goal_m
         self._body = manifest.body
         self._fields = tuple(field.name for field in manifest.observation)
@@ -67,7 +65,12 @@ class Observer:
         return self._vector
 
 
-def _check_sources(manifest: Manifest) -> None:
+def check_sources(manifest: Manifest) -> None:
+    """Refuse a policy that observes what has no source here.
+
+    Raises:
+        PolicyError: names it, and what has one.
+    """
     missing = [field.name for field in manifest.observation if field.name not in SOURCES]
     if missing:
         raise PolicyError(
@@ -105,36 +108,3 @@ def disc_ranges(
             if ahead > 0.0 and aside * aside < square:
                 ranges[ray] = min(ranges[ray], ahead - math.sqrt(square - aside * aside))
     return ranges
-
-
-def observe_batch(manifest: Manifest, team: TeamBatch, goal_m: Floats) -> Array:
-    """Compose the observations of B robots with goals (B, 2): (B, O).
-
-    A non-finite state leaves its own row non-finite.
-
-    Raises:
-        PolicyError: if the policy observes something that has no source here.
-    """
-    _check_sources(manifest)
-    ranges = disc_ranges_batch(team, manifest.body)
-    parts = {
-        "position": team.position_m,
-        "velocity": team.velocity_m_s,
-        "goal_offset": team.position_m - goal_m,
-        "proximity": manifest.body.lidar_range_m - ranges,
-        "ranges": ranges,
-    }
-    return np.concatenate([parts[field.name] for field in manifest.observation], -1).astype(np.float32)
-
-
-def disc_ranges_batch(team: TeamBatch, body: Body) -> Floats:
-    """Readings (B, R) of B sensors, in m."""
-    rays = ray_directions(body)
-    offset = team.mate_position_m - team.position_m[:, None]
-    ahead = offset @ rays.T
-    aside = offset @ np.stack([rays[:, 1], -rays[:, 0]])
-    chord = body.radius_m**2 - np.square(aside)
-    passed = (ahead <= 0.0) | (chord <= 0.0)
-    reading = np.where(passed, body.lidar_range_m, ahead - np.sqrt(np.maximum(chord, 0.0)))
-    nearest: npt.NDArray[np.float64] = reading.min(1, initial=body.lidar_range_m)
-    return nearest

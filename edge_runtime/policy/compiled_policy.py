@@ -13,12 +13,13 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.projection import Projection
 from edge_runtime.messages import Vector2
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.policy.weights import Array, FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")
 """In the order of the enumeration in ``_kernel_guidance.h``."""

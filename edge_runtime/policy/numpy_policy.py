@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy import add, multiply, subtract, tanh
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
-from edge_runtime.policy.weights import Array, FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 
 class VelocityField(Protocol):

@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.schema import LARGEST_FILE
-from edge_runtime.policy.weights import Array
 
 
 class _Tensor(Protocol):

@@ -10,10 +10,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.errors import BundleError
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.policy.schema import MAX_FREQUENCIES
-from edge_runtime.policy.weights import Array, FlowWeights
+from edge_runtime.policy.weights import FlowWeights
 
 _NPY: Final = re.compile(
     rb"\x93NUMPY\x01\x00..\{'descr': '(?P<type>[<>|][biuf]\d{1,2})', "

@@ -18,7 +18,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float32]
+from edge_runtime.common.arrays import Array, Floats
+
 Activation = Literal["silu", "tanh"]
 
 
@@ -59,13 +60,13 @@ class FlowWeights:
         """Widths of the hidden layers."""
         return tuple(int(b.shape[0]) for b in self.biases[:-1])
 
-    def time_part(self, tau: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def time_part(self, tau: npt.ArrayLike) -> Floats:
         """What flow time adds to the first layer: tau (...,) in [0, 1] -> (..., H1), bias included."""
         tau = np.asarray(tau, np.float64)[..., None]
         features = np.concatenate([tau, np.sin(tau * self.time_frequency + self.time_phase)], -1)
         return np.asarray(features @ self.time + self.biases[0])
 
-    def prior_gain(self, tau: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def prior_gain(self, tau: npt.ArrayLike) -> Floats:
         """k(tau) of the prior field: (...,) -> (...,)."""
         tau = np.asarray(tau, np.float64)
         if self.prior_std is None:

@@ -18,6 +18,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.common.child import start_child
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
@@ -25,7 +26,6 @@ from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState
-from edge_runtime.policy.weights import Array
 from edge_runtime.recording.flags import make_log_plan
 from edge_runtime.recording.ring import Ring, open_ring_memory
 from edge_runtime.recording.schema import End

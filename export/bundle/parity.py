@@ -10,11 +10,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import BundleError
 from edge_runtime.policy.agreement import TOLERANCE, largest_difference
 from export.bundle.facts import Facts
-
-Floats = npt.NDArray[np.float64]
 
 SAMPLES = 1000
 

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from onnx import ModelProto
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, digest_line, load_bundle
 from edge_runtime.policy.manifest import Network
@@ -15,7 +16,7 @@ from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
 from edge_runtime.policy.weight_file import pack_weights
 from edge_runtime.policy.weights import FlowWeights
 from export.bundle.facts import Facts
-from export.bundle.parity import Floats, Inputs, require_parity
+from export.bundle.parity import Inputs, require_parity
 
 
 def write_bundle(

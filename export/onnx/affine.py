@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from edge_runtime.policy.weights import Activation, Array, FlowWeights
-
-Floats = npt.NDArray[np.float64]
+from edge_runtime.common.arrays import Array, Floats
+from edge_runtime.policy.weights import Activation, FlowWeights
 
 
 class NotAnMlpError(Exception):

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from onnx import ModelProto, NodeProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.policy.weights import Activation, FlowWeights
 from export.onnx.affine import (
     Affine,
-    Floats,
     Hidden,
     Input,
     NotAnMlpError,

@@ -7,8 +7,9 @@ from onnx import ModelProto, TensorProto, numpy_helper
 from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import PolicyError
-from export.bundle.parity import Floats, Inputs
+from export.bundle.parity import Inputs
 
 STEP = 3e-4
 """h of the differences: so wide that no kink of a float32 form lies beyond the stencil that sees it."""

@@ -4,9 +4,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.motion.dynamics import Dynamics, Preview
-from edge_runtime.motion.outlook import Floats, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
+from export.evaluation.objectives import evaluate_batch
+from export.evaluation.outlook import TeamBatch, look_ahead_batch
 
 
 def violations(
@@ -30,7 +32,7 @@ def violations(
     costs = []
     for objective in objectives:
         outlook = look_ahead_batch(team, _standing(dynamics.preview(objective.look_ahead)))
-        costs.append(objective.evaluate_batch(team.position_m, team.velocity_m_s, outlook).cost)
+        costs.append(evaluate_batch(objective, team.position_m, team.velocity_m_s, outlook).cost)
     cure = np.sqrt(2.0 * np.stack(costs, -1)).reshape(*position.shape[:2], -1)
     return torch.from_numpy(cure / (1.0 + cure)).to(position.device, position.dtype)
 

@@ -8,8 +8,8 @@ contact model of VMAS 1.5.2 with its default numbers, so that a policy meets the
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.outlook import Floats
 
 STIFFNESS_N_M = 100.0
 CONTACT_WIDTH_M = 1e-3

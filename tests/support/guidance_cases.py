@@ -1,6 +1,7 @@
 """Teams, objectives and flows on which guidance is tried."""
 
 import numpy as np
+from hypothesis import strategies as st
 
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -39,13 +40,16 @@ def guide_for(objectives, dynamics=DYNAMICS, **settings) -> Guide:
     return make_guide(ObjectiveSet(tuple(objectives), GuidanceSettings(**settings)), dynamics)
 
 
-def random_team(draw, teammates=3) -> TeamState:
+def random_team(draw, teammates=3, ids=None) -> TeamState:
+    """What the first of ``ids`` knows, 0, 1, 2 and so on where None."""
+    ids = ids or range(teammates + 1)
+
     def state(robot):
         position, velocity = draw.uniform(-0.5, 0.5, 2), draw.uniform(-0.4, 0.4, 2)
         return RobotState(robot, 0.0, tuple(position.tolist()), tuple(velocity.tolist()))
 
-    mates = [Teammate(state(k + 1), tuple(draw.uniform(-1, 1, 2).tolist())) for k in range(teammates)]
-    return TeamState(state(0), tuple(mates))
+    mates = [Teammate(state(mate), tuple(draw.uniform(-1, 1, 2).tolist())) for mate in ids[1:]]
+    return TeamState(state(ids[0]), tuple(mates))
 
 
 def gaussian_flow(std, mean, steps):
@@ -81,3 +85,15 @@ class Quadratic(Objective, frozen=True, kw_only=True, tag="quadratic"):
 
 
 UNIT = Dynamics(mass_kg=1.0, drag=0.0, dt_s=1.0)  # from rest, p' = p + u
+
+
+numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
+planar_vector = st.tuples(numbers, numbers)
+
+
+@st.composite
+def problems(draw, most=8):
+    count = draw(st.integers(1, most))
+    gradients = draw(st.lists(planar_vector, min_size=count, max_size=count))
+    factors = draw(st.lists(st.floats(0.01, 100), min_size=count, max_size=count))
+    return gradients, factors, draw(planar_vector)

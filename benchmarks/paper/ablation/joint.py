@@ -5,8 +5,8 @@ objectives, if the rest of the team outweighs it. It takes everybody's gradients
 that decide on their own do not have: for comparison only.
 """
 
-from edge_runtime.guidance.projection import BatchCombine
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
+from export.evaluation.projection import BatchCombine
 
 
 def combine_teams(

@@ -8,12 +8,13 @@ import numpy as np
 from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
-from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
+from export.evaluation.guidance import guided_actions
+from export.evaluation.outlook import TeamBatch
 
 
 def guided_by_own_mass(

@@ -14,12 +14,14 @@ import numpy.typing as npt
 from benchmarks.paper.ablation.views import rows_of
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations
-from edge_runtime.guidance.batch import guided_actions
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
+from export.evaluation.guidance import guided_actions
+from export.evaluation.objectives import evaluate_batch
+from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 
 
 def best_of(
@@ -80,5 +82,5 @@ def action_costs(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats)
         shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
         position = outlook.drift_position_m + shift * action
         velocity = outlook.drift_velocity_m_s + push * action
-        total += objective.weight * objective.evaluate_batch(position, velocity, outlook).cost
+        total += objective.weight * evaluate_batch(objective, position, velocity, outlook).cost
     return total

@@ -12,9 +12,9 @@ from benchmarks.paper.ablation.samples import best_of
 from benchmarks.paper.contestants import Contestant
 from benchmarks.paper.methods import guided, post_processed
 from benchmarks.paper.tasks import Task
-from edge_runtime.guidance.projection import hierarchical_batch
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import Objective
+from export.evaluation.projection import hierarchical_batch
 from export.scenarios import scenario_facts
 
 SAMPLES = 4

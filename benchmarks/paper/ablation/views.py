@@ -7,10 +7,11 @@ import numpy.typing as npt
 
 from benchmarks.paper.episodes import Decide, MakeDecide
 from benchmarks.paper.methods import Observations, guided
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.settings import GuidanceSettings
-from edge_runtime.motion.outlook import Floats, TeamBatch
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
+from export.evaluation.outlook import TeamBatch
 
 Rows = npt.NDArray[np.int64]
 

@@ -14,7 +14,7 @@ import torch
 from benchmarks.paper.episodes import MakeDecide
 from benchmarks.paper.judges import motion
 from benchmarks.paper.neighbourhood import Neighbourhood
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
 from export.scenarios.definitions import NAVIGATION
 from export.scenarios.navigation import FACTS, Navigation
 

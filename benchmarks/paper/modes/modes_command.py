@@ -20,8 +20,8 @@ from benchmarks.paper.policies import POLICIES, digest, load_policy
 from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import EdgeError
-from edge_runtime.motion.outlook import Floats
 from export.atomic import write_atomic
 from export.scenarios.navigation import FACTS
 

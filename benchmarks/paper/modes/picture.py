@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

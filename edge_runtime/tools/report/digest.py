@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.schema import End, Event, LoggedObjectiveSet, Record, StageTimes, Start, Tick
-from edge_runtime.tools.report.page.chart import Floats
 
 STAGES = StageTimes.__struct_fields__
 

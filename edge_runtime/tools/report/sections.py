@@ -6,11 +6,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.tools.report import timeline
 from edge_runtime.tools.report.digest import STAGES, RunDigest
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.arena import Track, arena
-from edge_runtime.tools.report.page.chart import Floats, Limit
+from edge_runtime.tools.report.page.chart import Limit
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
 from edge_runtime.tools.report.team import Stretch, TeamDigest, fences, limits, separation, stretches
 

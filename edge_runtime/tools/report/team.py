@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.control.monitor import SETTLE_S
 from edge_runtime.messages import Vector2
 from edge_runtime.recording.schema import RobotPlace
 from edge_runtime.tools.report.digest import RunDigest
 from edge_runtime.tools.report.page.arena import Circle
-from edge_runtime.tools.report.page.chart import Floats, Limit
+from edge_runtime.tools.report.page.chart import Limit
 
 
 @dataclass(frozen=True)

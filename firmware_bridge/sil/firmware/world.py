@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.messages import Vector2
-from edge_runtime.motion.outlook import Floats
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.frames import rotate, wrap
 from firmware_bridge.simulation.plant import contact_forces

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.control.rate import Percentiles
-from edge_runtime.motion.outlook import Floats
 
 EARLY_SHARE = 0.25
 """A command up to this share of a period before its tick's usual time still belongs to that tick."""

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.control.rate import Percentiles
-from edge_runtime.motion.outlook import Floats
 from firmware_bridge.sil.firmware.node import NodeRecord
 from firmware_bridge.sil.harness.harness import Recording
 from firmware_bridge.sil.judge.figures import (

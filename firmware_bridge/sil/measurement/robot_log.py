@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from edge_runtime.motion.outlook import Floats
+from edge_runtime.common.arrays import Floats
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import Tick
 

@@ -28,12 +28,12 @@ from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.batch import action_slopes
 from edge_runtime.guidance.guide import make_guide
-from edge_runtime.guidance.projection import hierarchical_batch
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.policy.bundle import packaged_bundle
+from export.evaluation.guidance import action_slopes
+from export.evaluation.outlook import look_ahead_batch
+from export.evaluation.projection import hierarchical_batch
 from export.scenarios import make_scenario
 
 CPU = torch.device("cpu")

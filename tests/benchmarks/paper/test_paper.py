@@ -25,13 +25,14 @@ from benchmarks.paper.tables import success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.batch import action_slopes
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.outlook import look_ahead_batch
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
+from export.evaluation.guidance import action_slopes
+from export.evaluation.objectives import evaluate_batch
+from export.evaluation.outlook import look_ahead_batch
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.scenario import Transition
 
@@ -178,7 +179,8 @@ def costs(action, guide, outlooks):
     total = np.zeros(len(action))
     for objective, outlook in zip(guide.objectives, outlooks, strict=True):
         preview = outlook.preview
-        total += objective.evaluate_batch(
+        total += evaluate_batch(
+            objective,
             outlook.drift_position_m + preview.position_gain * action,
             outlook.drift_velocity_m_s + preview.velocity_gain * action,
             outlook,

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.control.limits import Limits, first_command, limited
+from edge_runtime.control.limits import CommandLimits, first_command, limited
 from edge_runtime.guidance.flow import GuidedAction
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 
-LIMITS = Limits(
+LIMITS = CommandLimits(
     low=(-1.0, -0.5),
     high=(1.0, 2.0),
     preview=MANIFEST.dynamics.preview(1),

@@ -11,7 +11,7 @@ from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.outlook import TeamBatch, look_ahead, look_ahead_batch
+from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import Clustering, Geofence, Slope
 from edge_runtime.objectives.gradient_check import check_gradient
 
@@ -134,38 +134,8 @@ def test_robots_at_one_point_are_driven_apart_evenly():
     np.testing.assert_allclose(directions @ directions.T, 1.5 * np.eye(3) - 0.5, atol=1e-9)
 
 
-@pytest.mark.parametrize("objective", [FENCE, CLUSTER], ids=lambda o: o.name)
-def test_batched_degenerate_cases_are_the_single_ones(objective):
-    centre = np.array(FENCE.centre_m)
-    ids = np.array([[2, 0, 1], [0, 1, 2]])
-    team = TeamBatch(
-        robot_id=ids[:, 0],
-        position_m=np.tile(centre, (2, 1)),
-        velocity_m_s=np.zeros((2, 2)),
-        mate_id=ids[:, 1:],
-        mate_position_m=np.tile(centre, (2, 2, 1)),
-        mate_velocity_m_s=np.zeros((2, 2, 2)),
-        mate_action=np.zeros((2, 2, 2)),
-    )
-    outlook = look_ahead_batch(team, DYNAMICS.preview(objective.look_ahead))
-    batch = objective.evaluate_batch(outlook.drift_position_m, outlook.drift_velocity_m_s, outlook)
-    for i in range(2):
-        single = objective.evaluate(outlook.row(i).drift, outlook.row(i))
-        together = [batch.cost[i], *batch.d_position[i], *batch.d_velocity[i]]
-        np.testing.assert_allclose(together, single, rtol=1e-12, atol=1e-9)
-        assert np.isfinite(together).all()
-        assert np.any(batch.d_position[i])
-
-
 def test_alone_there_is_no_cluster_to_keep():
     assert slope(CLUSTER, team_at((0.5, 0.5))) == Slope(0.0)
-    team = TeamBatch(
-        np.zeros(3, np.int64), np.ones((3, 2)), np.ones((3, 2)),
-        np.zeros((3, 0), np.int64), np.zeros((3, 0, 2)), np.zeros((3, 0, 2)), np.zeros((3, 0, 2)),
-    )  # fmt: skip
-    outlook = look_ahead_batch(team, DYNAMICS.preview(1))
-    batch = CLUSTER.evaluate_batch(outlook.drift_position_m, outlook.drift_velocity_m_s, outlook)
-    assert not any(np.any(part) for part in batch)
 
 
 def test_outside_the_fence_nothing_is_asked():

@@ -10,7 +10,7 @@ from edge_runtime.errors import GradientError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
-from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SlopeBatch, SpeedLimit
+from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.objectives.gradient_check import check_gradient
 
 OBJECTIVES = [
@@ -21,7 +21,7 @@ OBJECTIVES = [
 
 
 class StayNorth(Objective, frozen=True, kw_only=True, tag="stay_north"):
-    """A user's objective, single form only."""
+    """A user's objective."""
 
     line_m: float
 
@@ -36,12 +36,6 @@ class WrongSign(StayNorth, frozen=True, kw_only=True, tag="wrong_sign"):
         return Slope(cost, d_y=-d_y)
 
 
-class WrongBatch(StayNorth, frozen=True, kw_only=True, tag="wrong_batch"):
-    def evaluate_batch(self, position_m, velocity_m_s, outlook):
-        cost, d_position, d_velocity = super().evaluate_batch(position_m, velocity_m_s, outlook)
-        return SlopeBatch(cost, d_position * 1.001, d_velocity)
-
-
 @pytest.mark.parametrize("objective", [*OBJECTIVES, StayNorth(line_m=0.1)], ids=lambda o: o.name)
 @pytest.mark.parametrize("teammates", [1, 5])
 def test_gradients(objective, teammates):
@@ -52,7 +46,6 @@ def test_gradients(objective, teammates):
     ("objective", "complaint"),
     [
         (WrongSign(line_m=0.1), "d cost / d y is stated as"),
-        (WrongBatch(line_m=0.1), "evaluate_batch gives"),
         (StayNorth(line_m=-50.0), "never active"),
     ],
 )

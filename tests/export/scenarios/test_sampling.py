@@ -5,8 +5,8 @@ import pytest
 import torch
 import vmas
 
-from edge_runtime.motion.outlook import TeamBatch
-from edge_runtime.observation.observer import disc_ranges_batch
+from export.evaluation.observation import disc_ranges_batch
+from export.evaluation.outlook import TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
 from export.scenarios.scenario import EpisodeMetrics

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.common.command_line import need
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.tools.report.page.arena import Circle, disc
-from edge_runtime.tools.report.page.chart import Floats
 from edge_runtime.tools.report.page.progress import steps
 from edge_runtime.tools.report.page.theme import SERIES
 

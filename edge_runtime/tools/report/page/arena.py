@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.messages import Vector2
-from edge_runtime.tools.report.page.chart import Floats, thinned
+from edge_runtime.tools.report.page.chart import thinned
 from edge_runtime.tools.report.page.theme import (
     LIMIT,
     WIDTH_IN,

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.tools.report.page.theme import (
     BAD,
     LIMIT,
@@ -23,8 +24,6 @@ from edge_runtime.tools.report.page.theme import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Floats = npt.NDArray[np.float64]
 
 MOST_POINTS: Final = 500
 """A longer line is drawn by the extremes of so many stretches: no peak is lost."""

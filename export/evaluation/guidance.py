@@ -1,18 +1,17 @@
-"""`edge_runtime.guidance.flow` for B robots at once, in numpy: for evaluations and simulated teams.
-
-The mathematics and its reasons stand there; a test holds the two together.
-"""
+"""`edge_runtime.guidance.flow` for B robots: the mathematics and its reasons stand there."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.flow import PREFERENCE_RATE, PREFERENCE_STEPS, TINY
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.guidance.projection import BATCH, BatchCombine, cone_batch
-from edge_runtime.motion.outlook import Floats, OutlookBatch, TeamBatch, look_ahead_batch
 from edge_runtime.policy.numpy_policy import VelocityField
+from export.evaluation.objectives import evaluate_batch
+from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
+from export.evaluation.projection import BATCH, BatchCombine, cone_batch
 
 
 def guided_actions(
@@ -73,8 +72,8 @@ def action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats
     planar = action[:, :2]
     for gradient, objective, outlook in zip(gradients, guide.objectives, outlooks, strict=True):
         shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-        slope = objective.evaluate_batch(
-            outlook.drift_position_m + shift * planar, outlook.drift_velocity_m_s + push * planar, outlook
-        )
+        position = outlook.drift_position_m + shift * planar
+        velocity = outlook.drift_velocity_m_s + push * planar
+        slope = evaluate_batch(objective, position, velocity, outlook)
         gradient[:, :2] = shift * slope.d_position + push * slope.d_velocity
     return gradients

@@ -1,0 +1,54 @@
+"""Guided sampling of B robots against one robot's."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from guidance_cases import OBJECTIVES, WISHES, guide_for, random_team
+from networks import random_weights
+
+from edge_runtime.guidance.flow import guided_action
+from edge_runtime.guidance.settings import Mode
+from edge_runtime.objectives import Passing
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from export.evaluation.guidance import guided_actions
+from export.evaluation.outlook import TeamBatch
+
+
+def as_batch(teams) -> TeamBatch:
+    def mates(read):
+        return np.array([[read(mate) for mate in team.teammates] for team in teams])
+
+    return TeamBatch(
+        robot_id=np.array([team.own.robot_id for team in teams]),
+        position_m=np.array([team.own.position_m for team in teams]),
+        velocity_m_s=np.array([team.own.velocity_m_s for team in teams]),
+        mate_id=mates(lambda m: m.state.robot_id),
+        mate_position_m=mates(lambda m: m.state.position_m),
+        mate_velocity_m_s=mates(lambda m: m.state.velocity_m_s),
+        mate_action=mates(lambda m: m.intended_action),
+    )
+
+
+@pytest.mark.parametrize("mode", get_args(Mode))
+@pytest.mark.parametrize(
+    "objectives",
+    [
+        OBJECTIVES[:3],
+        WISHES,
+        [WISHES[0], OBJECTIVES[0], WISHES[1], Passing(order=(2, 0, 3, 1), reach_m=0.5), OBJECTIVES[1]],
+    ],
+    ids=["requirements", "preferences", "both"],
+)
+def test_batch_and_single_agree(mode, objectives):
+    draw = np.random.default_rng(5)
+    weights = random_weights(seed=2)
+    teams = [random_team(draw) for _ in range(40)]
+    observations = draw.standard_normal((40, 18)).astype(np.float32)
+    starts = draw.standard_normal((40, 2))
+    guide = guide_for(objectives, mode=mode, scale=2.0, reach=0.3)
+    many = guided_actions(FlowPolicy(weights, 10, 40), observations, as_batch(teams), guide, starts)
+    policy = FlowPolicy(weights, 10)
+    for i, team in enumerate(teams):
+        one = guided_action(policy, observations[i : i + 1], team, guide, tuple(starts[i].tolist()))
+        assert np.abs(many[i] - one.action).max() <= 2e-5 * max(1.0, np.abs(many[i]).max())
