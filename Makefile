@@ -8,13 +8,19 @@ OLDEST_VENV := .venv-3.10
 PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink
 SOURCES := pyproject.toml $(wildcard edge_runtime/policy/_kernel*.[ch])
+# Tests run on all cores, one thread each.
+PYTEST := -m pytest -n auto --dist worksteal
+export OMP_NUM_THREADS := 1
 
-.PHONY: run test lint types unit budgets sil coverage fuzz socketcan chromium peers mutants oldest clean
+.PHONY: run test check lint types unit integration coverage oldest sil budgets fuzz mutants \
+	socketcan chromium peers clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
 
-test: lint types unit coverage oldest budgets sil  ## Everything that CI checks
+test: lint types unit  ## Is it correct? Minutes, and right on a busy machine too
+
+check: test integration coverage oldest sil budgets  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -23,33 +29,32 @@ lint: $(DEV)/ready
 types: $(DEV)/ready
 	$(DEV)/bin/mypy
 
-unit: $(DEV)/ready socketcan chromium  ## All tests but those that `coverage` runs
-	$(DEV)/bin/python -m pytest $(addprefix --ignore=,$(WIRE))
+unit: $(DEV)/ready
+	$(DEV)/bin/python $(PYTEST)
 
-budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
-	OMP_NUM_THREADS=1 $(DEV)/bin/python -m benchmarks latency --short
+integration: $(DEV)/ready socketcan chromium peers  ## Against a kernel, a browser, other people's code; teams
+	$(DEV)/bin/python -m pytest -m integration -n auto --dist loadfile
 
-chromium:  ## The browser in which reports are tested; its tests skip where it cannot be installed
-	@sh tests/support/chromium/install.sh
-
-sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each
-	$(DEV)/bin/python -m benchmarks sil --short
-
-socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
-	@sh tests/support/socketcan/install.sh
-
-peers:  ## Other people's MAVLink for Node; its tests skip where npm is missing, but not in CI
-ifeq ($(shell command -v npm),)
-	@echo "npm is not installed: skipping the tests against node-mavlink"; test -z "$(CI)"
-else
-	@$(MAKE) --no-print-directory $(PEERS)/.ready
-endif
-
-coverage: $(DEV)/ready peers  ## Every line and branch of the guard and both codecs is run by their own tests
-	OMP_NUM_THREADS=1 $(DEV)/bin/python -m coverage run -m pytest $(WIRE)
+coverage: $(DEV)/ready  ## Every line and branch of the guard and both codecs is run by their own tests
+	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)
 	$(DEV)/bin/python -m coverage report
 
-fuzz: $(DEV)/ready  ## A million malformed or random frames at each decoder; CI sends fewer
+oldest:  ## The runtime's own tests on the oldest Python
+ifeq ($(OLDEST),)
+	@echo "python3.10 is not installed: skipping the runtime's tests on the oldest Python"; test -z "$(CI)"
+else
+	@$(MAKE) --no-print-directory $(OLDEST_VENV)/ready
+	$(OLDEST_VENV)/bin/python $(PYTEST)
+endif
+
+# What measures time ends with 3 if the machine was too busy to tell: it says so, and proves nothing.
+sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each
+	$(DEV)/bin/python -m benchmarks sil --short || test $$? -eq 3
+
+budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
+	$(DEV)/bin/python -m benchmarks latency --short || test $$? -eq 3
+
+fuzz: $(DEV)/ready  ## A million malformed or random frames at each decoder; `make test` sends fewer
 	$(DEV)/bin/python -m pytest tests/firmware_bridge/can/test_codec.py -k junk --hypothesis-profile=fuzz
 	MAVLINK_FUZZ_CASES=1000000 $(DEV)/bin/python -m pytest tests/firmware_bridge/mavlink/test_codec.py -k fuzz
 
@@ -58,28 +63,27 @@ mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: 
 	$(DEV)/bin/mutmut run
 	$(DEV)/bin/mutmut results
 
-oldest: peers  ## The runtime's own tests on the oldest Python
-ifeq ($(OLDEST),)
-	@echo "python3.10 is not installed: skipping the runtime's tests on the oldest Python"; test -z "$(CI)"
+socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
+	@sh tests/support/socketcan/install.sh
+
+chromium:  ## The browser in which reports are tested; its tests skip where it cannot be installed
+	@sh tests/support/chromium/install.sh
+
+peers:  ## Other people's MAVLink for Node; its tests skip where npm is missing, but not in CI
+ifeq ($(shell command -v npm),)
+	@echo "npm is not installed: skipping the tests against node-mavlink"; test -z "$(CI)"
 else
-	@$(MAKE) --no-print-directory $(OLDEST_VENV)/ready
-	$(OLDEST_VENV)/bin/python -m pytest --ignore=tests/firmware_bridge/can/test_socketcan.py
+	@$(MAKE) --no-print-directory $(PEERS)/.ready
 endif
 
 # One environment per need: the robot's is small; the workstation's holds PyTorch and VMAS.
-$(ROBOT)/ready: $(SOURCES)
-	$(PYTHON) -m venv $(ROBOT)
-	$(ROBOT)/bin/pip install --quiet --editable .
-	touch $@
-
-$(DEV)/ready: $(SOURCES)
-	$(PYTHON) -m venv $(DEV)
-	$(DEV)/bin/pip install --quiet --editable '.[dev]'
-	touch $@
-
-$(OLDEST_VENV)/ready: $(SOURCES)
-	$(OLDEST) -m venv $(OLDEST_VENV)
-	$(OLDEST_VENV)/bin/pip install --quiet --editable '.[test]'
+$(ROBOT)/ready: EXTRAS :=
+$(DEV)/ready: EXTRAS := [dev]
+$(OLDEST_VENV)/ready: EXTRAS := [test]
+$(OLDEST_VENV)/ready: PYTHON = $(OLDEST)
+$(ROBOT)/ready $(DEV)/ready $(OLDEST_VENV)/ready: $(SOURCES)
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --editable '.$(EXTRAS)'
 	touch $@
 
 $(PEERS)/.ready: tests/support/peers/package.json

@@ -12,7 +12,7 @@ from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.measurement.report import SilReport
 
 ATTEMPTS = 3
-"""Runs of a case that only come late."""
+"""Runs of a case that only come late, or that the machine disturbs."""
 OVERHEAD_BYTES = 28
 """IPv4 and UDP headers."""
 
@@ -32,7 +32,7 @@ class Row(msgspec.Struct, frozen=True):
     disturbed: tuple[str, ...]
     """Why the machine was not quiet."""
     late_before: int = 0
-    """Runs before this one that only came late, and were repeated."""
+    """Runs before this one that only came late or were disturbed, and were repeated."""
 
 
 class Size(msgspec.Struct, frozen=True):
@@ -72,20 +72,21 @@ def keep(path: Path, page: Page) -> None:
 
 
 def settled_row(case: Case, run: Callable[[], SilReport]) -> Row:
-    """Judge runs of a case until one does not come late alone, ATTEMPTS at most; the last counts.
+    """Judge runs of a case until one tells something, ATTEMPTS at most; the last counts.
 
     A robot that is a moment late tells of its code or of who shares its machine: code is late again. What
-    is no matter of time, such as a collision, is never tried twice.
+    is no matter of time, such as a collision, is never tried twice on a quiet machine.
     """
     late_before, report = 0, run()
-    while late_before + 1 < ATTEMPTS and _only_late(case, report):
+    while late_before + 1 < ATTEMPTS and _tells_nothing(case, report):
         late_before, report = late_before + 1, run()
     return msgspec.structs.replace(row_of(case, report), late_before=late_before)
 
 
-def _only_late(case: Case, report: SilReport) -> bool:
+def _tells_nothing(case: Case, report: SilReport) -> bool:
     missing = list(case.judge(report))
-    return bool(missing) and all(isinstance(words, Late) for words in missing)
+    only_late = all(isinstance(words, Late) for words in missing)
+    return bool(missing) and (only_late or bool(report.disturbed))
 
 
 def row_of(case: Case, report: SilReport) -> Row:
@@ -131,7 +132,7 @@ HEAD = "| | asked | seen | |\n|---|---|---|---|"
 def line(row: Row) -> str:
     """Format a row as a line of a Markdown table under `HEAD`."""
     verdict = "not seen: " + "; ".join(row.missing) if row.missing else "yes"
-    verdict += ", machine disturbed" if row.disturbed else ""
+    verdict += f", {'INVALID: ' * bool(row.missing)}machine disturbed" if row.disturbed else ""
     verdict += f", after {row.late_before} that only came late" if row.late_before else ""
     return f"| {row.name} | {row.asked} | {row.seen} | {verdict} |"
 

@@ -2,9 +2,9 @@
 
 Each row is a run of edge-sil: real edge-run processes with their guards and loggers, firmware and plant on
 the wire. ``--short`` is what CI runs, ``--soak`` adds ten minutes of eight robots, ``--scale`` measures teams
-of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing. A run that only came late
-is repeated, twice at most, and its row says that too. Rows of the file that are not measured again stay as
-they are.
+of 4 to 32. A row that a busy machine disturbed says so; its figures prove nothing. A run that shows nothing
+because it came late or was disturbed is repeated, twice at most, and its row says that too. Rows of the file
+that are not measured again stay as they are.
 """
 
 import argparse
@@ -26,7 +26,10 @@ SIZES = ((4, 20.0), (8, 20.0), (16, 20.0), (32, 10.0))
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the cases, print the tables, write the rows; 1 if a quiet machine did not show what was asked."""
+    """Run the cases, print the tables, write the rows.
+
+    Returns 1 if a quiet machine did not show what was asked, 3 if only a disturbed one did not.
+    """
     options = _parse(arguments)
     realtime = _has_realtime()
     if not realtime:
@@ -48,7 +51,8 @@ def main(arguments: Sequence[str]) -> int:
     if sizes:
         print(sizes_table(sizes))
     keep(options.json, Page(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes)))
-    return int(any(row.missing and not row.disturbed for row in rows))
+    lacking = [row for row in rows if row.missing]
+    return 1 if any(not row.disturbed for row in lacking) else 3 if lacking else 0
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:

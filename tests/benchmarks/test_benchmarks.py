@@ -50,7 +50,14 @@ def test_a_contender_that_computes_something_else_is_refused(monkeypatch):
         prepare(workload(TINY), ["numpy", "wrong"])
 
 
+@pytest.fixture
+def quiet(monkeypatch):
+    """Whatever runs beside the tests, the machine counts as quiet."""
+    monkeypatch.setattr(command.machine, "noise", lambda _timings: [])
+
+
 @needs_kernel
+@pytest.mark.usefixtures("quiet")
 def test_a_short_run_writes_its_rows_and_says_what_each_budget_is_held_by(tmp_path, capsys):
     held = [Budget("numpy", "compiled", 1e-6), Budget("compiled", "limit", 1e-6)]
     rows, code = command.run_short(held, TINY, rounds=2, slot_s=0.005)
@@ -66,10 +73,19 @@ def test_a_short_run_writes_its_rows_and_says_what_each_budget_is_held_by(tmp_pa
     assert all("+0.0%" in line for line in lines)
 
 
+@pytest.mark.usefixtures("quiet")
 def test_a_broken_budget_fails_the_run(capsys):
     _, code = command.run_short([Budget("numpy", "limit", 1e6)], TINY, rounds=2, slot_s=0.005)
     assert code == 1
     assert "BROKEN by 100%" in capsys.readouterr().out
+
+
+def test_a_busy_machine_proves_nothing(monkeypatch, capsys):
+    measured = []
+    monkeypatch.setattr(command.machine, "noise", lambda timings: measured.append(timings) or ["busy"])
+    _, code = command.run_short([Budget("numpy", "limit", 1e6)], TINY, rounds=2, slot_s=0.005)
+    assert (code, len(measured)) == (3, command.ATTEMPTS)
+    assert "INVALID, the machine is not quiet: " in capsys.readouterr().out
 
 
 def test_a_ratio_is_the_median_over_rounds_of_the_rounds_medians():

@@ -124,10 +124,14 @@ def test_a_run_that_only_came_late_is_repeated_and_said_so(name, late):
         ("pose to command, CAN", {"pose_to_command_age_ms": None}),
     ],
 )
-def test_what_is_no_matter_of_time_is_never_tried_twice(name, bad):
+def test_what_is_no_matter_of_time_is_tried_again_only_if_the_machine_was_disturbed(name, bad):
     runs = iter([report(robot(0, **bad), faults=(FULL,))])
     row = settled_row(CASES[name], lambda: next(runs))
     assert row.missing and row.late_before == 0
+    runs = iter([report(robot(0, **bad), faults=(FULL,), disturbed=("busy",))] * ATTEMPTS)
+    row = settled_row(CASES[name], lambda: next(runs))
+    assert line(row).count("INVALID: machine disturbed") == 1
+    assert next(runs, None) is None
 
 
 def test_traffic_counts_headers_and_the_time_that_a_robot_drove():

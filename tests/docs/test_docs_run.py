@@ -10,7 +10,6 @@ import re
 import secrets
 import shlex
 import shutil
-import socket
 import subprocess
 import sys
 
@@ -18,6 +17,7 @@ import pytest
 from bundle_files import write_bundle
 from doc_pages import PAGES, ROOT, blocks, commands, program
 from logs import record
+from ports import free_port
 
 WORKSTATION = all(map(importlib.util.find_spec, ("torch", "onnx")))
 POLICIES = ROOT / "edge_runtime" / "bundles"
@@ -66,9 +66,7 @@ RUN = {
 
 
 def free_address(_match):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f'"127.0.0.1:{probe.getsockname()[1]}"'
+    return '"{}:{}"'.format(*free_port())
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,16 @@
 import random
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
 
 import can
 import msgspec
+import tomli_w
+from ports import free_port
+from waiting import HANG_S, until
 
 from firmware_bridge.can.feedback import Pose
 from firmware_bridge.can.link import CanOptions
@@ -17,12 +21,15 @@ from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardSpec
 
 COMMANDS = (0x111, 0x131, 0x421, 0x441)
+MARK = 0x7FF
+"""Nothing of the chassis': a frame by which a test knows that all frames before it have arrived."""
+_profiles = tempfile.TemporaryDirectory()
 
 
 def multicast_address() -> str:
     """A bus between processes that no other test uses."""
-    a, b, port = random.randrange(256), random.randrange(1, 255), random.randrange(43200, 60000)
-    return f"udp_multicast:239.75.{a}.{b}?port={port}"
+    draw = random.SystemRandom()
+    return f"udp_multicast:239.75.{draw.randrange(256)}.{draw.randrange(1, 255)}?port={free_port()[1]}"
 
 
 def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> GuardSpec:
@@ -32,12 +39,33 @@ def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> G
     return msgspec.structs.replace(spec, **changes)
 
 
+def patient_profile(
+    name: str = "agilex_v2", stale_s: float = HANG_S, enable_timeout_s: float = HANG_S
+) -> str:
+    """A copy of a packaged profile that lets firmware answer as late as a busy machine makes it."""
+    source = profile_path(name)
+    table = msgspec.toml.decode(source.read_bytes())
+    table["dbc"] = str(source.parent / table["dbc"])
+    table["enable_timeout_s"] = enable_timeout_s
+    table["feedback"]["stale_s"] = dict.fromkeys(table["feedback"]["stale_s"], stale_s)
+    path = Path(_profiles.name) / f"{name}_{stale_s:g}_{enable_timeout_s:g}.toml"
+    path.write_text(tomli_w.dumps(table))
+    return str(path)
+
+
+def patient_spec(address: str, profile: str = "", **changes: object) -> GuardSpec:
+    """What a guard in a process of its own is started with: nothing that must happen in time decides."""
+    patient = {"deadline_s": HANG_S, **changes}
+    return guard_spec(address, profile or patient_profile(), **patient)
+
+
 class Chassis:
     """An AgileX chassis, protocol 2, after its manual: reports every 20 ms, obeys 0x421, records commands."""
 
     def __init__(self, address: str, control_mode: int = 0) -> None:
         channel, _, port = address.removeprefix("udp_multicast:").partition("?port=")
-        self.bus = can.Bus(interface="udp_multicast", channel=channel, port=int(port))
+        self._channel, self._port, self._marks = channel, int(port), 0
+        self.bus = can.Bus(interface="udp_multicast", channel=channel, port=self._port)
         self.frames: list[tuple[int, bytes]] = []
         self.control_mode, self.vehicle_state, self.silent = control_mode, 0, False
         self.speed = b"\0\0"
@@ -59,11 +87,15 @@ class Chassis:
     def data(self, frame_id: int) -> list[bytes]:
         return [data for sent_id, data in list(self.frames) if sent_id == frame_id]
 
-    def wait(self, condition, seconds: float = 20.0) -> None:
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, f"never happened; frames: {self.frames[-20:]}"
-            time.sleep(0.005)
+    def wait(self, condition) -> None:
+        until(condition, 0.005, lambda: f"frames: {self.frames[-20:]}")
+
+    def settle(self) -> None:
+        """Wait until whatever is under way on the bus has arrived."""
+        marks = self._marks
+        with can.Bus(interface="udp_multicast", channel=self._channel, port=self._port) as other:
+            other.send(can.Message(arbitration_id=MARK, is_extended_id=False))
+            self.wait(lambda: self._marks > marks)
 
     def _run(self) -> None:
         due = time.monotonic()
@@ -71,6 +103,7 @@ class Chassis:
             message = self.bus.recv(max(due - time.monotonic(), 0.0))
             if message is not None and message.arbitration_id in COMMANDS:
                 self._take(message)
+            self._marks += message is not None and message.arbitration_id == MARK
             if time.monotonic() >= due:
                 due += 0.02
                 self._report()

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+import waiting
 from bundles import MANIFEST
 from fleet_fakes import ids
 from fleet_processes import Process, hostile
@@ -35,20 +36,11 @@ zenoh = pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed"
 
 KEY = hashlib.sha256(b"a key for tests").digest()
 COMMAND = (0.0, 0.0)
-PATIENCE_S = 15.0
-"""Longest that a busy machine may take for what happens at once."""
 
 
 def free_place():
-    """An address whose port is free for TCP and for UDP."""
-    while True:
-        host, port = free_port()
-        with socket.socket() as probe:
-            try:
-                probe.bind((host, port))
-            except OSError:
-                continue
-        return f"{host}:{port}"
+    host, port = free_port()
+    return f"{host}:{port}"
 
 
 def robot(robot_id, extra=None):
@@ -91,13 +83,11 @@ class Member:
 
 def until(condition, members=()):
     """Let the members tick until something holds."""
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        seen = [member.tick() for member in members]
-        if condition(seen):
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"not within {PATIENCE_S:g} s: {[member.link.report() for member in members]}")
+    waiting.until(
+        lambda: condition([member.tick() for member in members]),
+        pause_s=0.02,
+        tell=lambda: [member.link.report() for member in members],
+    )
 
 
 def all_heard(seen):
@@ -304,7 +294,7 @@ def test_closing_gives_up_on_a_session_that_hangs(write):
         session, carrier._session = carrier._session, Hanging()
         closing = threading.Thread(target=carrier.close)
         closing.start()
-        closing.join(PATIENCE_S)
+        closing.join(waiting.HANG_S)
         assert not closing.is_alive()
         released.set()
         carrier._session = session

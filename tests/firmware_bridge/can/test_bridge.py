@@ -3,9 +3,9 @@
 import argparse
 import asyncio
 import contextlib
+import itertools
 import os
 import pty
-import random
 import sys
 import threading
 import time
@@ -13,7 +13,8 @@ import tty
 
 import msgspec
 import pytest
-from can_peers import guard_spec
+from can_peers import multicast_address, patient_profile, patient_spec
+from waiting import until
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command
@@ -95,28 +96,29 @@ def test_each_mistake_is_told_before_anything_starts(flags, rate_hz, said):
         specification(*flags, rate_hz=rate_hz)
 
 
-def drive(bridge, seconds, velocity, arrived):
-    """Command until something is true."""
-    sequence, end = 0, time.monotonic() + seconds
-    while not arrived():
-        bridge.write(Command(3, sequence, time.monotonic(), (0.0, 0.0), velocity))
-        bridge.read()
-        sequence += 1
-        time.sleep(0.02)
-        assert time.monotonic() < end, f"never happened: {bridge.phase}, {bridge.counts}, {bridge.read()}"
+def drive(bridge, velocity, arrived):
+    """Command until the state is as wanted."""
+    numbers = itertools.count()
+
+    def command():
+        bridge.write(Command(3, next(numbers), time.monotonic(), (0.0, 0.0), velocity))
+        return (state := bridge.read()) is not None and arrived(state)
+
+    until(command, 0.02, lambda: f"{bridge.phase}, {bridge.counts}, {bridge.read()}")
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="odrive-can needs Python 3.11")
 def test_two_mock_odrives_drive_and_stop():
     mock = pytest.importorskip("odrive_can.mock")
     can = pytest.importorskip("can")
-    channel, port = f"239.75.{random.randrange(256)}.9", random.randrange(43200, 60000)
+    address = multicast_address()
+    channel, _, port = address.removeprefix("udp_multicast:").partition("?port=")
     drives = []
 
     async def play(ending):
         for axis in (0, 1):
             drives.append(
-                mock.ODriveCANMock(axis, can.Bus(interface="udp_multicast", channel=channel, port=port))
+                mock.ODriveCANMock(axis, can.Bus(interface="udp_multicast", channel=channel, port=int(port)))
             )
         tasks = [asyncio.create_task(drive.main()) for drive in drives]
         while not ending.is_set():
@@ -127,23 +129,16 @@ def test_two_mock_odrives_drive_and_stop():
     ending = threading.Event()
     thread = threading.Thread(target=lambda: asyncio.run(play(ending)))
     thread.start()
-    address = f"udp_multicast:{channel}?port={port}"
-    spec = guard_spec(
-        address, "odrive_cansimple", limits=Limits(1.0, 1.0), allow_unsafe_firmware_timeout=True
-    )
+    profile = patient_profile("odrive_cansimple")
+    spec = patient_spec(address, profile, limits=Limits(1.0, 1.0), allow_unsafe_firmware_timeout=True)
     try:
         with GuardedBridge(spec) as bridge:
-            drive(
-                bridge, 20, (0.3, 0.0), lambda: (s := bridge.read()) is not None and s.velocity_m_s[0] > 0.29
-            )
+            drive(bridge, (0.3, 0.0), lambda state: state.velocity_m_s[0] > 0.29)
             assert [drive.odrive.axis_state for drive in drives] == ["CLOSED_LOOP_CONTROL"] * 2
             assert sum(drive.odrive.model.setpoint for drive in drives) == pytest.approx(
                 0.6 * 1.87241, rel=0.05
             )
-        end = time.monotonic() + 10
-        while any(drive.odrive.axis_state != "IDLE" for drive in drives) and time.monotonic() < end:
-            time.sleep(0.02)
-        assert [drive.odrive.axis_state for drive in drives] == ["IDLE"] * 2
+        until(lambda: [drive.odrive.axis_state for drive in drives] == ["IDLE"] * 2)
         assert [drive.odrive.model.setpoint for drive in drives] == [0.0, 0.0]
     finally:
         ending.set()
@@ -189,12 +184,11 @@ class Limo:
 
 def test_a_limo_drives_sideways_over_its_serial_port():
     with Limo() as limo:
-        with GuardedBridge(guard_spec(limo.port, "agilex_limo", limits=Limits(1.0, 1.0))) as bridge:
-            drive(
-                bridge, 20, (0.0, 0.25), lambda: (s := bridge.read()) is not None and s.position_m[1] > 0.01
-            )
+        profile = patient_profile("agilex_limo")
+        with GuardedBridge(patient_spec(limo.port, profile, limits=Limits(1.0, 1.0))) as bridge:
+            drive(bridge, (0.0, 0.25), lambda state: state.position_m[1] > 0.01)
             assert bridge.read().velocity_m_s == pytest.approx((0.0, 0.25))
-        time.sleep(0.1)
+        until(lambda: limo.frames[-1] == Frame(0x421, bytes(8)))
     assert limo.frames[0] == Frame(0x111, bytes(8))
     assert limo.frames[1] == Frame(0x421, bytes([1, 0, 1, 0, 0, 0, 0, 0]))
     assert limo.frames[-4:] == [Frame(0x111, bytes(8))] * 3 + [Frame(0x421, bytes(8))]

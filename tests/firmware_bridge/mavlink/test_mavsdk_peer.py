@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -11,6 +10,8 @@ import time
 import pytest
 from bundles import MANIFEST
 from paths import SUPPORT
+from ports import free_port
+from waiting import HANG_S, until
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command
@@ -20,7 +21,6 @@ from firmware_bridge.guard.wire import Phase
 from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
 
 PERIOD_S = 0.02
-PATIENCE_S = 20.0
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mavsdk") is None,
@@ -32,9 +32,7 @@ class Peer:
     """The autopilot's process and what it has told."""
 
     def __init__(self):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        _, self.port = free_port()
         script = SUPPORT / "peers" / "mavsdk_autopilot.py"
         self.process = subprocess.Popen(
             [sys.executable, str(script), str(self.port)],
@@ -67,13 +65,6 @@ class Peer:
         self.process.stdout.close()
 
 
-def until(settled):
-    end_s = time.monotonic() + PATIENCE_S
-    while not settled():
-        assert time.monotonic() < end_s, "nothing happened"
-        time.sleep(0.01)
-
-
 @pytest.fixture
 def peer():
     peer = Peer()
@@ -100,13 +91,9 @@ class Runtime:
         self.sequence += 1
         self.bridge.write(Command(7, self.sequence, time.monotonic(), (0.5, 0.0), (0.01, 0.0)))
         self.bridge.read()
-        time.sleep(PERIOD_S)
 
     def command_until(self, settled):
-        end_s = time.monotonic() + PATIENCE_S
-        while not settled():
-            assert time.monotonic() < end_s, "nothing happened"
-            self.command()
+        until(lambda: self.command() or settled(), pause_s=PERIOD_S)
 
 
 def test_an_autopilot_is_engaged_driven_and_stopped(peer):
@@ -117,15 +104,15 @@ def test_an_autopilot_is_engaged_driven_and_stopped(peer):
         state = bridge.read()
         assert (state.robot_id, state.position_m) == (7, (4.0, 3.0))
         assert state.velocity_m_s == pytest.approx((0.0, 0.25))
-        assert time.monotonic() - state.stamp_s < 0.5
+        assert abs(time.monotonic() - state.stamp_s) < HANG_S, "the stamp is not of our clock"
         bridge.stop("enough")
-        stopped_s = time.monotonic()
-        forwarded = bridge.counts.forwarded
-        time.sleep(1.0)
-    assert [event["mode"] for event in peer.of("mode")] == ["OFFBOARD", "HOLD"]
+        until(lambda: [event["mode"] for event in peer.of("mode")] == ["OFFBOARD", "HOLD"])
+        heartbeats = len(peer.of("heartbeat"))  # what was sent before HOLD has come
+        time.sleep(1.5)
+    assert heartbeats == len(peer.of("heartbeat")) > 0, "a heartbeat after the stop"
     assert [event["armed"] for event in peer.of("arm")] == [True]
     moving = [event for event in peer.of("setpoint") if event["vy"] != 0.0]
-    assert len(moving) == forwarded
+    assert len(moving) == bridge.counts.forwarded
     assert all(event["type_mask"] == 0xDC7 and event["coordinate_frame"] == 1 for event in moving)
     speeds = [event["vy"] for event in moving]
     assert speeds == sorted(speeds)
@@ -133,8 +120,6 @@ def test_an_autopilot_is_engaged_driven_and_stopped(peer):
     assert peer.of("setpoint")[-1]["vy"] == 0.0
     armed_s = peer.of("arm")[0]["at_s"]
     assert all(event["at_s"] > armed_s for event in moving)
-    assert peer.of("heartbeat")
-    assert all(event["at_s"] < stopped_s for event in peer.of("heartbeat")), "a heartbeat after the stop"
 
 
 def test_an_operator_keeps_what_he_takes(peer):

@@ -19,10 +19,13 @@ KEY = bytes(range(32))
 ATTACKS = int(os.environ.get("MAVLINK_ATTACK_FRAMES", "4000"))
 """All of them: MAVLINK_ATTACK_FRAMES=100000 pytest tests/firmware_bridge/mavlink/test_node_peer.py."""
 
-pytestmark = pytest.mark.skipif(
-    NODE is None or not (PEERS / "node_modules" / "node-mavlink").is_dir(),
-    reason="node-mavlink is not installed: npm install --prefix tests/support/peers --no-package-lock",
-)
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(
+        NODE is None or not (PEERS / "node_modules" / "node-mavlink").is_dir(),
+        reason="node-mavlink is not installed: npm install --prefix tests/support/peers --no-package-lock",
+    ),
+]
 
 
 def node(*arguments, frames=b""):

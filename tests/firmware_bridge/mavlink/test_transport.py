@@ -5,6 +5,8 @@ import select
 import socket
 
 import pytest
+from ports import free_port
+from waiting import HANG_S
 
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.mavlink.serial_port import LONGEST_QUEUE
@@ -16,15 +18,13 @@ def robot():
     """The autopilot's end of a UDP link."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         end.bind(("127.0.0.1", 0))
-        end.settimeout(2.0)
+        end.settimeout(HANG_S)
         yield end
 
 
 @pytest.fixture
 def listening(robot):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    _, port = free_port()
     transport = open_transport(f"udpin:127.0.0.1:{port}")
     robot.connect(("127.0.0.1", port))
     yield transport
@@ -99,7 +99,7 @@ class TestUdp:
 
     def test_who_proved_nothing_is_only_answered_until_somebody_did(self, listening, robot):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as replayer:
-            replayer.settimeout(2.0)
+            replayer.settimeout(HANG_S)
             replayer.sendto(b"recorded", robot.getpeername())
             received(listening)
             listening.answer_sender(proved=False)

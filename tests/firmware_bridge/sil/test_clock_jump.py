@@ -62,6 +62,7 @@ def test_a_clock_of_their_own_jumps_for_processes_as_a_kernels_would(tmp_path):
 
 
 @needs_compiler
+@pytest.mark.integration
 @pytest.mark.parametrize("bridge", ["can", "mavlink"])
 def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
     """On a busy machine a tick may be missed now and then; one a jump would be many."""
@@ -89,6 +90,7 @@ def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
         assert robot["pose_to_command_age_ms"]["max"] < 10e3
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(
     not os.environ.get("CI") and not (shutil.which("linux.uml") and SHIM.is_file()),
     reason="user-mode Linux is not installed: run tests/support/socketcan/install.sh as root",

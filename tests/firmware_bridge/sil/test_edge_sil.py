@@ -162,6 +162,7 @@ def run(folder, *flags, faults=""):
     return done, json.loads(report) if report else None
 
 
+@pytest.mark.integration
 def test_a_team_on_can_through_every_fault_of_its_network(folder):
     done, report = run(folder, "--robots", "4", "--duration", "5", faults=BUS_FAULTS)
     assert done.returncode == 0, done.stderr
@@ -185,6 +186,7 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
     assert report["machine"]["wake_ms"]["max"] > 0.0
 
 
+@pytest.mark.integration
 def test_a_team_on_mavlink_through_faults_of_pose_and_air(folder):
     done, report = run(folder, "--robots", "3", "--bridge", "mavlink", "--duration", "8", faults=AIR_FAULTS)
     assert done.returncode == 0, done.stderr
@@ -206,6 +208,7 @@ def test_a_team_on_mavlink_through_faults_of_pose_and_air(folder):
     assert report["robots"][1]["log_gaps_s"] == [] or report["robots"][1]["log_gaps_s"][-1][1] < 8.0
 
 
+@pytest.mark.integration
 def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
     key = folder / "team.key"
     key.touch(mode=0o600)
@@ -237,6 +240,7 @@ def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
     assert done.returncode == 2 and "chmod 600" in done.stderr
 
 
+@pytest.mark.integration
 def test_a_team_on_zenoh_has_no_way_around_a_blackout(folder):
     pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
     write_key(folder / "team.key")
@@ -282,6 +286,7 @@ def test_a_signal_among_the_starts_ends_them(folder):
     await_none(folder / "tmp")
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("bridge", ["can", "mavlink"])
 def test_no_robot_commands_anything_before_all_are_up(tmp_path, monkeypatch, bridge):
     """Its guard's deadline would run while its siblings, which still start, keep it from its ticks."""

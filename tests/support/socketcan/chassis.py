@@ -5,14 +5,16 @@ import time
 from collections.abc import Callable
 
 from socketcan.adapter import Adapter
+from waiting import HANG_S
 
 MOTION, MODE, SYSTEM_STATE, MOTION_STATE = 0x111, 0x421, 0x211, 0x221
 REPORT_S = 0.02
-TIMEOUT_S = 0.5
+TIMEOUT_S = 1.0
+"""Longer than a real one's: a busy machine must not let it pass before the guard has stopped the robot."""
 
 
 class Chassis:
-    """Obeys, reports every 20 ms, and stops by itself 0.5 s after the last command."""
+    """Obeys, reports every 20 ms, and stops by itself a second after the last command."""
 
     def __init__(self, adapter: Adapter) -> None:
         self.adapter = adapter
@@ -42,7 +44,7 @@ class Chassis:
     def set_interface(self, *arguments: str) -> None:
         """Configure the interface while the chassis goes on: the driver waits until the adapter has read."""
         setting = subprocess.Popen(["ip", "link", "set", self.adapter.interface, *arguments])
-        assert self.serve(30.0, until=lambda: setting.poll() is not None)
+        assert self.serve(HANG_S, until=lambda: setting.poll() is not None)
         assert setting.returncode == 0, arguments
 
     def _take(self, frame_id: int, data: bytes) -> None:

@@ -7,13 +7,13 @@ mount -t devtmpfs dev /dev 2>/dev/null
 mkdir -p /dev/pts
 mount -t devpts pts /dev/pts
 mount -t tmpfs tmp /run
-mkdir /run/report
+mkdir /run/report /run/tmp
 mount -t hostfs -o "$(dirname "$report")" report /run/report
 modules=/usr/lib/uml/modules/$(uname -r)/kernel
 for module in net/can/can net/can/can-raw drivers/net/can/dev/can-dev drivers/net/can/slcan/slcan; do
     insmod "$modules/$module.ko"
 done
 cd "$tests"
-"$python" -m socketcan.guest "/run/report/$(basename "$report")"
+TMPDIR=/run/tmp "$python" -m socketcan.guest "/run/report/$(basename "$report")"
 echo o >/proc/sysrq-trigger  # Powers off, soon: the first process must not end before.
 sleep 60
