@@ -6,8 +6,8 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from benchmarks.faults.firmware import Firmware
 from benchmarks.faults.opened import FORWARD, enable, opened_link
+from benchmarks.faults.robot import Robot
 from firmware_bridge.guard.core import Guard
 from firmware_bridge.guard.link import Limits, Link, Setpoint
 from firmware_bridge.guard.spec import GuardSpec
@@ -17,24 +17,24 @@ CHUNK = 40
 """Commands between two looks at the wire: what they cause fits into a socket's buffer."""
 
 
-def count_passed(firmware: Firmware, commands: int, advance: Callable[[int], None], seed: int = 0) -> int:
+def count_passed(robot: Robot, commands: int, advance: Callable[[int], None], seed: int = 0) -> int:
     """Count what bad commands put on the wire other than a plain stop would."""
     draw = np.random.default_rng(seed)
     passed = 0
-    spec = msgspec.structs.replace(firmware.spec(), arm=False)
-    with opened_link(firmware) as link:
-        enable(link, firmware)
+    spec = msgspec.structs.replace(robot.spec(), arm=False)
+    with opened_link(robot) as link:
+        enable(link, robot)
         now_s = time.monotonic()
         # Twice, because an autopilot's first setpoint continues the motion of the enabling.
         for _ in range(2):
-            _ = list(firmware.commands())
+            robot.take_commands()
             _command_and_then(link, spec, encode_stop("reference", now_s), now_s)
-        allowed = set(firmware.commands())
+        allowed = set(robot.take_commands())
         for _ in range(0, commands, CHUNK):
             for bad in bad_numbers(draw, CHUNK, spec.limits):
                 setpoint = Setpoint(1, now_s, (bad[0], bad[1]), (bad[2], bad[3]))
                 _command_and_then(link, spec, encode_command(setpoint), now_s)
-            passed += sum(command not in allowed for command in firmware.commands())
+            passed += sum(command not in allowed for command in robot.take_commands())
             advance(CHUNK)
     return passed
 

@@ -9,8 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from benchmarks.faults.can_firmware import driving_frame
-from benchmarks.faults.firmware import PERIOD_S
+from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, driving_frame
 from edge_runtime.common.realtime import enter_realtime
 from firmware_bridge.can.bus import CanBus
 from firmware_bridge.can.link import CanOptions
@@ -23,14 +22,14 @@ from firmware_bridge.mavlink.transport import open_transport
 
 
 def open_sender(spec: GuardSpec) -> Callable[[], bool]:
-    """Open the bus that a guard would own; returns what puts 0.5 m/s on it."""
+    """Open the bus that a guard would own; returns what puts SPEED_M_S on it."""
     if spec.link == "can":
         bus = CanBus(msgspec.json.decode(spec.options, type=CanOptions).bus)
         bus.open()
         return lambda: bus.send(driving_frame())
     options = msgspec.json.decode(spec.options, type=MavlinkOptions)
     transport = open_transport(options.address)
-    target = Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=(0.5, 0.0))
+    target = Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=(SPEED_M_S, 0.0))
     frame = Encoder(options.source_system, (options.system_id, 1)).encode(target, time.monotonic())
     return lambda: transport.send(frame)
 

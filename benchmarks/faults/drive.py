@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from benchmarks.faults.firmware import Firmware
+from benchmarks.faults.robot import Robot
 from edge_runtime.errors import BridgeError
 
 LONGEST_S = 60.0
@@ -22,16 +22,16 @@ class DisturbedError(BridgeError):
 
 
 class Drive:
-    """A context manager that ends both processes; ``firmware`` serves while anything is waited for."""
+    """A context manager that ends both processes; ``robot`` serves while anything is waited for."""
 
-    def __init__(self, firmware: Firmware, commands: int = FOREVER, realtime: bool = False) -> None:
-        self._firmware = firmware
+    def __init__(self, robot: Robot, commands: int = FOREVER, realtime: bool = False) -> None:
+        self._robot = robot
         self.runtime = subprocess.Popen(  # noqa: S603 - our own interpreter and module
             [
                 sys.executable,
                 "-m",
                 "benchmarks.faults.runtime",
-                msgspec.json.encode(firmware.spec()).decode(),
+                msgspec.json.encode(robot.spec()).decode(),
                 str(commands),
                 str(int(realtime)),
             ],
@@ -44,9 +44,9 @@ class Drive:
         """Wait until the robot drives.
 
         Raises:
-            DisturbedError: if the runtime ended before, with its last words.
+            DisturbedError: if the runtime ended before, with the last line that it wrote.
         """
-        self.await_(lambda: self._firmware.drives() >= 5 or self.runtime.poll() is not None, "drove")
+        self.await_(lambda: len(self._robot.arrivals()) >= 5 or self.runtime.poll() is not None, "drove")
         if self.runtime.poll() is not None:
             raise DisturbedError(f"the runtime ended: {self.runtime.communicate()[1].splitlines()[-1]}")
         assert self.runtime.stdout is not None  # noqa: S101 - for the type checker
@@ -67,8 +67,8 @@ class Drive:
         Raises:
             BridgeError: if it takes too long.
         """
-        if not self._firmware.serve(LONGEST_S, condition):
-            raise BridgeError(f"the {self._firmware.name} robot never {what}")
+        if not self._robot.serve(LONGEST_S, condition):
+            raise BridgeError(f"the {self._robot.name} robot never {what}")
 
     def _ended(self) -> bool:
         return bool(select.select((self._guard_ended,), (), (), 0.0)[0])

@@ -1,9 +1,9 @@
 """``python -m benchmarks faults``: how fast the robot is stopped, and what never reaches it.
 
 Runtime and guard are processes of their own, the firmware is this one: a chassis on a UDP multicast CAN bus,
-a rover on a UDP socket. Times are the kernel's stamps of arrival at the firmware. The bus-off is an error
-frame put on the multicast bus; the tests on SocketCAN cause one in a kernel. Rows of the file that are not
-measured again stay as they are.
+a rover on a UDP socket, both on a plane on which they brake with 1 m/s^2. Times are the kernel's stamps of
+arrival at the firmware. The bus-off is an error frame put on the multicast bus; the tests on SocketCAN cause
+one in a kernel. Rows of the file that are not measured again stay as they are.
 """
 
 import argparse
@@ -18,12 +18,11 @@ from rich.progress import Progress
 
 from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import count_passed
-from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
-from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, draw, measured, read_rows, render, table, timed
-from benchmarks.faults.trials import FAULTS, Fault, run_trial, undisturbed
+from benchmarks.faults.robot import CanRobot, MavlinkRobot
+from benchmarks.faults.rows import FaultRow, draw, measured, read_rows, render, table, timed
+from benchmarks.faults.trials import FAULTS, Fault, Stop, run_trial, undisturbed
 from benchmarks.result_page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
@@ -32,7 +31,7 @@ COMMANDS_A_TRIAL = 5000
 FRAMES_A_TRIAL = 500
 LATENCIES_A_TRIAL = 5
 LATENCIES_A_ROUND = 100
-FIRMWARES = (CanFirmware, MavlinkFirmware)
+ROBOTS = (CanRobot, MavlinkRobot)
 LATENCIES = {
     "none: latency through the guard": guard_latencies,
     "none: latency of the bus alone": bus_latencies,
@@ -61,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _measure(options: argparse.Namespace, progress: Progress) -> Iterator[Row]:
+def _measure(options: argparse.Namespace, progress: Progress) -> Iterator[FaultRow]:
     wanted, trials, realtime = options.only or NAMES, options.trials, options.realtime
     faults = [fault for fault in FAULTS if fault.name in wanted]
     yield from _stops(faults, trials, realtime, _bar(progress, "stops", trials * len(faults)))
@@ -104,23 +103,25 @@ def _bar(progress: Progress, name: str, total: int) -> Callable[[int], None]:
 
 def _stops(
     faults: Sequence[Fault], trials: int, realtime: bool, advance: Callable[[int], None]
-) -> Iterator[Row]:
+) -> Iterator[FaultRow]:
     """Run every fault in every round, so that a slow minute is slow for all of them."""
-    results: list[list[tuple[float, int]]] = [[] for _ in faults]
+    results: list[list[tuple[Stop, int]]] = [[] for _ in faults]
     for _ in range(trials):
         for fault, kept in zip(faults, results, strict=True):
             kept.append(undisturbed(partial(run_trial, fault, realtime)))
             advance(1)
     for fault, kept in zip(faults, results, strict=True):
-        seconds, repeated = zip(*kept, strict=True)
-        yield timed(_named(fault.name, realtime), fault.firmware.name, seconds, sum(repeated))
+        stops, repeated = zip(*kept, strict=True)
+        seconds, metres = zip(*stops, strict=True)
+        name = _named(fault.name, realtime)
+        yield timed(name, fault.robot.name, seconds, sum(repeated), metres=metres)
 
 
 def _latencies(
     names: Sequence[str], trials: int, realtime: bool, advance: Callable[[int], None]
-) -> Iterator[Row]:
+) -> Iterator[FaultRow]:
     """Send LATENCIES_A_ROUND commands each way in every round, for the same reason."""
-    ways = [(name, kind) for name in names for kind in FIRMWARES]
+    ways = [(name, kind) for name in names for kind in ROBOTS]
     seconds: list[list[float]] = [[] for _ in ways]
     repeats = [0] * len(ways)
     rounds = math.ceil(trials * LATENCIES_A_TRIAL / LATENCIES_A_ROUND)
@@ -139,17 +140,17 @@ def _named(name: str, realtime: bool) -> str:
     return name + REALTIME if realtime else name
 
 
-def _bad_commands(trials: int, progress: Progress) -> list[Row]:
+def _bad_commands(trials: int, progress: Progress) -> list[FaultRow]:
     rows = []
-    for kind in FIRMWARES:
+    for kind in ROBOTS:
         commands = trials * COMMANDS_A_TRIAL
         bar = _bar(progress, f"bad commands, {kind.name}", commands)
-        with kind() as firmware:
-            passed = count_passed(firmware, commands, bar)
-        rows.append(Row(BAD_COMMANDS, kind.name, commands, passed=passed))
+        with kind() as robot:
+            passed = count_passed(robot, commands, bar)
+        rows.append(FaultRow(BAD_COMMANDS, kind.name, commands, passed=passed))
     return rows
 
 
-def _forged_frames(frames: int, progress: Progress) -> Row:
+def _forged_frames(frames: int, progress: Progress) -> FaultRow:
     accepted = count_accepted(frames, _bar(progress, "forged frames", frames))
-    return Row(FORGED_FRAMES, MavlinkFirmware.name, frames, passed=accepted)
+    return FaultRow(FORGED_FRAMES, MavlinkRobot.name, frames, passed=accepted)

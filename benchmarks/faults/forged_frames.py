@@ -10,10 +10,12 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common
 
-from benchmarks.faults.mavlink_firmware import MavlinkFirmware, sign
 from benchmarks.faults.opened import opened_link
+from benchmarks.faults.robot import MavlinkRobot
 from edge_runtime.errors import BridgeError
 from firmware_bridge.mavlink.link import MavlinkLink
+from firmware_bridge.mavlink.signing import clock_ticks
+from firmware_bridge.sil.firmware.autopilot import Autopilot
 
 CHUNK = 30
 """Frames between two looks at the link: they fit into a socket's buffer and into one of its passes."""
@@ -30,25 +32,25 @@ def count_accepted(frames: int, advance: Callable[[int], None], seed: int = 0) -
         key = Path(folder) / "key"
         key.touch(mode=0o600)
         key.write_bytes(secrets.token_bytes(32))
-        with MavlinkFirmware(key) as firmware, opened_link(firmware) as link:
+        with MavlinkRobot(key) as rover, opened_link(rover) as link:
             assert isinstance(link, MavlinkLink)  # noqa: S101 - for the type checker
-            forger = Forger(firmware, random.Random(seed))
+            forger = Forger(rover, random.Random(seed))
             for _ in range(0, frames, CHUNK):
                 genuine = forger.genuine()
-                if _accepted(link, firmware, [genuine]) != 1:
+                if _accepted(link, rover, [genuine]) != 1:
                     raise BridgeError("a genuine frame was refused")
                 forger.recorded.append(genuine)
-                accepted += _accepted(link, firmware, [forger.forge() for _ in range(CHUNK)])
+                accepted += _accepted(link, rover, [forger.forge() for _ in range(CHUNK)])
                 advance(CHUNK)
     return accepted
 
 
-def _accepted(link: MavlinkLink, firmware: MavlinkFirmware, frames: list[bytes]) -> int:
+def _accepted(link: MavlinkLink, rover: MavlinkRobot, frames: list[bytes]) -> int:
     """Send frames and count those that the link accepts."""
     link.receive(time.monotonic())
     before = link.tally.accepted
     for frame in frames:
-        firmware.send_bytes(frame)
+        rover.wire.send(frame)
     link.receive(time.monotonic())
     return link.tally.accepted - before
 
@@ -56,18 +58,18 @@ def _accepted(link: MavlinkLink, firmware: MavlinkFirmware, frames: list[bytes])
 class Forger:
     """Knows no key, has listened for a while, and is good at checksums."""
 
-    def __init__(self, firmware: MavlinkFirmware, draw: random.Random) -> None:
+    def __init__(self, rover: MavlinkRobot, draw: random.Random) -> None:
         self.recorded: deque[bytes] = deque(maxlen=1000)
         """Genuine frames that the link has accepted before."""
-        self._firmware = firmware
+        self._rover = rover
         self._draw = draw
-        self._unsigned = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        self._wrong_key = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        sign(self._wrong_key, secrets.token_bytes(32))
+        self._unsigned = Autopilot(rover.firmware.profile)
+        self._impostor = Autopilot(rover.firmware.profile)
+        self._impostor.sign(secrets.token_bytes(32), clock_ticks())
 
     def genuine(self) -> bytes:
         """Return a frame that the rover signs now."""
-        return self._firmware.pack(self._message())
+        return self._rover.firmware.pack(self._message())
 
     def forge(self) -> bytes:
         """Return a frame that must be refused."""
@@ -80,7 +82,7 @@ class Forger:
         return self._draw.choice(forgeries)()
 
     def _without_signature(self) -> bytes:
-        return bytes(self._message().pack(self._unsigned))
+        return self._unsigned.pack(self._message())
 
     def _recorded(self) -> bytes:
         return self._draw.choice(self.recorded)
@@ -91,7 +93,7 @@ class Forger:
         return bytes(frame)
 
     def _with_a_wrong_key(self) -> bytes:
-        return bytes(self._message().pack(self._wrong_key))
+        return self._impostor.pack(self._message())
 
     def _message(self) -> common.MAVLink_message:
         """Return what would do harm: another mode, or a position far away."""

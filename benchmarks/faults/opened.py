@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from benchmarks.faults.firmware import PERIOD_S, Firmware
+from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, Robot
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.core import Guard
 from firmware_bridge.guard.link import Link, Setpoint
@@ -15,16 +15,16 @@ from firmware_bridge.guard.process import make_link
 from firmware_bridge.guard.wire import Phase, encode_command
 
 ENABLING_S = 10.0
-FORWARD = ((1.0, 0.0), (0.5, 0.0))
+FORWARD = ((1.0, 0.0), (SPEED_M_S, 0.0))
 """Action and velocity of a command that is in order."""
 
 
 @contextlib.contextmanager
-def opened_link(firmware: Firmware) -> Iterator[Link]:
-    """Open the firmware's link while the firmware answers; close it at the end."""
-    link = make_link(firmware.spec())
+def opened_link(robot: Robot) -> Iterator[Link]:
+    """Open the robot's link while its firmware answers; close it at the end."""
+    link = make_link(robot.spec())
     opened = threading.Event()
-    serving = threading.Thread(target=firmware.serve, args=(ENABLING_S, opened.is_set))
+    serving = threading.Thread(target=robot.serve, args=(ENABLING_S, opened.is_set))
     serving.start()
     try:
         link.open()
@@ -35,19 +35,19 @@ def opened_link(firmware: Firmware) -> Iterator[Link]:
         yield link
 
 
-def enable(link: Link, firmware: Firmware) -> None:
-    """Bring the firmware to take commands.
+def enable(link: Link, robot: Robot) -> None:
+    """Bring the robot to take commands.
 
     Raises:
         BridgeError: if it does not.
     """
-    guard = Guard(link, msgspec.structs.replace(firmware.spec(), deadline_s=1.0))
+    guard = Guard(link, msgspec.structs.replace(robot.spec(), deadline_s=1.0))
     for sequence in range(round(ENABLING_S / PERIOD_S)):
         now_s = time.monotonic()
         guard.on_packet(encode_command(Setpoint(sequence, now_s, *FORWARD)), now_s)
         if guard.phase is Phase.DRIVING:
             return
-        firmware.serve(PERIOD_S)
+        robot.serve(PERIOD_S)
         guard.on_feedback(time.monotonic())
         guard.on_time(time.monotonic())
-    raise BridgeError(f"the {firmware.name} robot was never enabled")
+    raise BridgeError(f"the {robot.name} robot was never enabled")

@@ -13,7 +13,7 @@ DRAWN_MS = 100.0
 """The firmware's own timeout would hide what the guard takes."""
 
 
-class Row(msgspec.Struct, frozen=True):
+class FaultRow(msgspec.Struct, frozen=True):
     """One line of the table; what was only counted has no times, what was timed has no count."""
 
     fault: str
@@ -22,31 +22,36 @@ class Row(msgspec.Struct, frozen=True):
     p50_ms: float | None = None
     p95_ms: float | None = None
     max_ms: float | None = None
+    p95_m: float | None = None
+    """Distance from the fault to rest."""
     passed: int | None = None
     """Bad commands or forged frames that got through."""
     repeated: int = 0
     """Trials that a busy machine stopped before their fault, run again."""
 
 
-def timed(fault: str, bridge: str, seconds: Sequence[float], repeated: int = 0) -> Row:
-    """Summarize times."""
-    p50, p95 = np.percentile(seconds, (50.0, 95.0)) * 1e3
-    return Row(fault, bridge, len(seconds), float(p50), float(p95), max(seconds) * 1e3, repeated=repeated)
+def timed(
+    fault: str, bridge: str, seconds: Sequence[float], repeated: int = 0, metres: Sequence[float] = ()
+) -> FaultRow:
+    """Summarize times, and distances where there are any."""
+    p50, p95 = (float(value) for value in np.percentile(seconds, (50.0, 95.0)) * 1e3)
+    p95_m = float(np.percentile(metres, 95.0)) if metres else None
+    return FaultRow(fault, bridge, len(seconds), p50, p95, max(seconds) * 1e3, p95_m=p95_m, repeated=repeated)
 
 
-def read_rows(file: Path) -> list[Row]:
+def read_rows(file: Path) -> list[FaultRow]:
     """Return what an earlier run wrote; nothing if there was none."""
-    return msgspec.json.decode(file.read_bytes(), type=list[Row]) if file.exists() else []
+    return msgspec.json.decode(file.read_bytes(), type=list[FaultRow]) if file.exists() else []
 
 
-def measured(row: Row) -> tuple[str, str]:
+def measured(row: FaultRow) -> tuple[str, str]:
     """What a row says something about: a newer one takes its place."""
     return row.fault, row.bridge
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[FaultRow]) -> str:
     """Format rows as a Markdown table."""
-    lines = ["| fault | bridge | trials | p50 ms | p95 ms | max ms | passed |", "|---" * 7 + "|"]
+    lines = ["| fault | bridge | trials | p50 ms | p95 ms | max ms | p95 m | passed |", "|---" * 8 + "|"]
     for row in rows:
         times = (_cell(row.p50_ms), _cell(row.p95_ms), _cell(row.max_ms))
         cells = (
@@ -54,13 +59,14 @@ def table(rows: Sequence[Row]) -> str:
             row.bridge,
             f"{row.trials:,}",
             *times,
+            "" if row.p95_m is None else f"{row.p95_m:.3f}",
             "" if row.passed is None else f"{row.passed}",
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def render(rows: Sequence[Row]) -> str:
+def render(rows: Sequence[FaultRow]) -> str:
     """The rows as Markdown; ``stops.svg`` is what `draw` returns."""
     return "\n\n".join(
         [
@@ -74,7 +80,7 @@ def render(rows: Sequence[Row]) -> str:
     )
 
 
-def draw(rows: Sequence[Row]) -> str:
+def draw(rows: Sequence[FaultRow]) -> str:
     """95th percentiles as bars, as SVG."""
     drawn: dict[str, dict[str, float]] = {}
     for row in rows:

@@ -8,7 +8,7 @@ import time
 
 import msgspec
 
-from benchmarks.faults.firmware import PERIOD_S
+from benchmarks.faults.robot import PERIOD_S, SPEED_M_S
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.messages import Command
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
@@ -24,7 +24,7 @@ def drive(bridge: GuardedBridge, commands: int) -> list[float]:
         time.sleep(max(due_s - time.monotonic(), 0.0))
         bridge.read()
         now_s = time.monotonic()
-        bridge.write(Command(0, sequence, now_s, (1.0, 0.0), (0.5, 0.0)))
+        bridge.write(Command(0, sequence, now_s, (1.0, 0.0), (SPEED_M_S, 0.0)))
         sent.append(now_s)
     return sent
 

@@ -1,6 +1,7 @@
-"""Trials of one fault: drive, break something at a random moment, see when the firmware heard of a stop."""
+"""Trials of one fault: drive, break something at a random moment, see when and where the robot stopped."""
 
 import contextlib
+import math
 import os
 import random
 import signal
@@ -8,10 +9,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
-from benchmarks.faults.can_firmware import CanFirmware
-from benchmarks.faults.drive import DisturbedError, Drive
-from benchmarks.faults.firmware import PERIOD_S, Firmware
-from benchmarks.faults.mavlink_firmware import MavlinkFirmware
+from benchmarks.faults.drive import LONGEST_S, DisturbedError, Drive
+from benchmarks.faults.robot import PERIOD_S, CanRobot, MavlinkRobot, Robot
 from edge_runtime.errors import BridgeError
 
 ATTEMPTS = 20
@@ -19,71 +18,87 @@ ATTEMPTS = 20
 Result = TypeVar("Result")
 
 
-def _stop_command(firmware: Firmware, fault_s: float) -> float:
-    return firmware.stop_after(fault_s)
+def _stop_command(robot: Robot, fault_s: float) -> float:
+    return robot.stop_after(fault_s)
 
 
-def _own_timeout(firmware: Firmware, fault_s: float) -> float:  # noqa: ARG001
-    return firmware.stopped_itself_s
+def _own_timeout(robot: Robot, fault_s: float) -> float:  # noqa: ARG001
+    return robot.firmware.timed_out_s
 
 
 class Fault(NamedTuple):
     """Something that breaks while a robot drives."""
 
     name: str
-    firmware: type[Firmware]
-    cause: Callable[[Firmware, Drive], None]
-    stopped_s: Callable[[Firmware, float], float] = _stop_command
+    robot: type[Robot]
+    cause: Callable[[Robot, Drive], None]
+    stopped_s: Callable[[Robot, float], float] = _stop_command
     """When the firmware stopped or was told to; infinity as long as neither happened."""
 
 
-def _kill_runtime(_: Firmware, drive: Drive) -> None:
+class Stop(NamedTuple):
+    """What one trial saw."""
+
+    seconds: float
+    """From the fault to the stop command, or to the firmware's own stop."""
+    metres: float
+    """From the fault to rest."""
+
+
+def _kill_runtime(_: Robot, drive: Drive) -> None:
     drive.runtime.send_signal(signal.SIGKILL)
 
 
-def _freeze_runtime(_: Firmware, drive: Drive) -> None:
+def _freeze_runtime(_: Robot, drive: Drive) -> None:
     drive.runtime.send_signal(signal.SIGSTOP)
 
 
-def _kill_guard(_: Firmware, drive: Drive) -> None:
+def _kill_guard(_: Robot, drive: Drive) -> None:
     os.kill(drive.guard, signal.SIGKILL)
 
 
-def _tell_bus_off(firmware: Firmware, _: Drive) -> None:
-    assert isinstance(firmware, CanFirmware)  # noqa: S101 - for the type checker
-    firmware.tell_bus_off()
+def _cut_link(robot: Robot, _: Drive) -> None:
+    robot.cut()
 
 
+def _tell_bus_off(robot: Robot, _: Drive) -> None:
+    assert isinstance(robot, CanRobot)  # noqa: S101 - for the type checker
+    robot.tell_bus_off()
+
+
+_CAUSES = (
+    ("kill -9 of the runtime", _kill_runtime, _stop_command),
+    ("SIGSTOP of the runtime", _freeze_runtime, _stop_command),
+    ("kill -9 of the guard", _kill_guard, _own_timeout),
+    ("link cut", _cut_link, _own_timeout),
+)
 FAULTS = (
-    *(Fault("kill -9 of the runtime", kind, _kill_runtime) for kind in (CanFirmware, MavlinkFirmware)),
-    *(Fault("SIGSTOP of the runtime", kind, _freeze_runtime) for kind in (CanFirmware, MavlinkFirmware)),
-    *(
-        Fault("kill -9 of the guard", kind, _kill_guard, _own_timeout)
-        for kind in (CanFirmware, MavlinkFirmware)
-    ),
-    Fault("bus-off (error frame)", CanFirmware, _tell_bus_off),
+    *(Fault(name, kind, *rest) for name, *rest in _CAUSES for kind in (CanRobot, MavlinkRobot)),
+    Fault("bus-off (error frame)", CanRobot, _tell_bus_off),
 )
 
 
-def run_trial(fault: Fault, realtime: bool = False) -> float:
-    """Return the seconds from the fault to the stop.
+def run_trial(fault: Fault, realtime: bool = False) -> Stop:
+    """Return what came of the fault.
 
     Raises:
         DisturbedError: if the robot was stopped before the fault.
         BridgeError: if the robot was not stopped, or was commanded to drive after it was.
     """
-    with fault.firmware() as firmware:
-        with Drive(firmware, realtime=realtime) as drive:
-            firmware.serve(random.uniform(0.0, PERIOD_S))
-            if not firmware.driving():
-                raise DisturbedError(f"the {firmware.name} robot was stopped before the fault")
-            fault_s = time.monotonic()
-            fault.cause(firmware, drive)
-            drive.await_(lambda: fault.stopped_s(firmware, fault_s) < float("inf"), "stopped")
-        stopped_s = fault.stopped_s(firmware, fault_s)
-        if firmware.last_drive() > stopped_s:
-            raise BridgeError(f"{fault.name}: the {firmware.name} robot was told to drive after its stop")
-    return stopped_s - fault_s
+    with fault.robot() as robot:
+        with Drive(robot, realtime=realtime) as drive:
+            robot.serve(LONGEST_S, lambda: robot.cruises() or drive.runtime.poll() is not None)
+            robot.serve(random.uniform(0.0, PERIOD_S))
+            if not robot.told_to_drive():
+                raise DisturbedError(f"the {robot.name} robot was stopped before the fault")
+            begin_m, fault_s = robot.position_m(), time.monotonic()
+            fault.cause(robot, drive)
+            drive.await_(lambda: fault.stopped_s(robot, fault_s) < math.inf, "stopped")
+            drive.await_(robot.stands, "came to rest")
+        stopped_s = fault.stopped_s(robot, fault_s)
+        if robot.arrivals()[-1] > stopped_s:
+            raise BridgeError(f"{fault.name}: the {robot.name} robot was told to drive after its stop")
+    return Stop(stopped_s - fault_s, math.dist(begin_m, robot.position_m()))
 
 
 def undisturbed(trial: Callable[[], Result]) -> tuple[Result, int]:

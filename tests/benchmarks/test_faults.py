@@ -9,29 +9,30 @@ import pytest
 
 from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import bad_numbers, count_passed
-from benchmarks.faults.can_firmware import CanFirmware
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
-from benchmarks.faults.mavlink_firmware import MavlinkFirmware
-from benchmarks.faults.rows import Row, measured, table, timed
+from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, CanRobot, MavlinkRobot
+from benchmarks.faults.rows import FaultRow, measured, table, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard import core as guard_core
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.mavlink.signing import Signing, Verdict
 
-FIRMWARES = pytest.mark.parametrize("firmware", [CanFirmware, MavlinkFirmware])
+ROBOTS = pytest.mark.parametrize("kind", [CanRobot, MavlinkRobot])
 
 
 def nothing(_count):
     pass
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.name}, {fault.firmware.name}")
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.name}, {fault.robot.name}")
 def test_every_fault_ends_in_a_stop(fault):
-    seconds, _ = undisturbed(partial(run_trial, fault))
-    assert seconds > 0.0
+    stop, _ = undisturbed(partial(run_trial, fault))
+    assert stop.seconds > 0.0
+    # It goes on until it hears, then brakes with 1 m/s^2, which is slower than the guard's ramp.
+    assert stop.metres > 0.9 * SPEED_M_S * max(stop.seconds - PERIOD_S, 0.0) + 0.5 * (0.9 * SPEED_M_S) ** 2
 
 
 def test_a_trial_is_repeated_only_if_the_machine_disturbed_it():
@@ -48,34 +49,34 @@ def test_a_trial_is_repeated_only_if_the_machine_disturbed_it():
         undisturbed(trial)
 
 
-@FIRMWARES
-def test_the_bus_alone_delivers_every_frame(firmware):
-    delays = bus_latencies(firmware, 20)
+@ROBOTS
+def test_the_bus_alone_delivers_every_frame(kind):
+    delays = bus_latencies(kind, 20)
     assert len(delays) == 20
     assert min(delays) > 0.0
 
 
 def test_only_what_was_measured_again_is_replaced():
-    old = [Row("a", "can", 1), Row("a", "mavlink", 1), Row("b", "can", 1)]
-    newer = [Row("c", "can", 2), Row("a", "mavlink", 2)]
+    old = [FaultRow("a", "can", 1), FaultRow("a", "mavlink", 1), FaultRow("b", "can", 1)]
+    newer = [FaultRow("c", "can", 2), FaultRow("a", "mavlink", 2)]
     assert replaced(old, newer, measured) == [old[0], newer[1], old[2], newer[0]]
 
 
-@FIRMWARES
-def test_latencies_are_those_of_the_commands_that_arrived(firmware):
-    delays, _ = undisturbed(partial(guard_latencies, firmware, 60))
+@ROBOTS
+def test_latencies_are_those_of_the_commands_that_arrived(kind):
+    delays, _ = undisturbed(partial(guard_latencies, kind, 60))
     assert 5 <= len(delays) <= 60
     assert min(delays) > 0.0
 
 
-@FIRMWARES
-def test_bad_commands_are_counted_if_they_pass(firmware, monkeypatch):
-    with firmware() as robot:
+@ROBOTS
+def test_bad_commands_are_counted_if_they_pass(kind, monkeypatch):
+    with kind() as robot:
         assert count_passed(robot, 200, nothing) == 0
     monkeypatch.setattr(
         guard_core, "limit_fault", lambda s, _: "" if all(map(math.isfinite, s.velocity_m_s)) else "bad"
     )
-    with firmware() as robot:
+    with kind() as robot:
         assert count_passed(robot, 200, nothing) > 0
 
 
@@ -96,7 +97,7 @@ def test_forged_frames_are_counted_if_they_pass(monkeypatch):
 
 
 def test_rows_hold_percentiles_in_milliseconds():
-    row = timed("fault", "can", [0.001 * n for n in range(1, 102)])
+    row = timed("fault", "can", [0.001 * n for n in range(1, 102)], metres=[0.5] * 101)
     assert msgspec.structs.asdict(row) == pytest.approx(
         {
             "fault": "fault",
@@ -105,12 +106,13 @@ def test_rows_hold_percentiles_in_milliseconds():
             "p50_ms": 51.0,
             "p95_ms": 96.0,
             "max_ms": 101.0,
+            "p95_m": 0.5,
             "passed": None,
             "repeated": 0,
         }
     )
-    lines = table([row, Row("forged", "mavlink", 100_000, passed=0)]).splitlines()
+    lines = table([row, FaultRow("forged", "mavlink", 100_000, passed=0)]).splitlines()
     assert lines[2:] == [
-        "| fault | can | 101 | 51.0 | 96.0 | 101 |  |",
-        "| forged | mavlink | 100,000 |  |  |  | 0 |",
+        "| fault | can | 101 | 51.0 | 96.0 | 101 | 0.500 |  |",
+        "| forged | mavlink | 100,000 |  |  |  |  | 0 |",
     ]

@@ -1,26 +1,29 @@
 """Peers for the CAN tests: a chassis on a multicast bus, and a runtime in a process of its own."""
 
-import random
 import subprocess
 import sys
 import tempfile
 import threading
-import time
+from collections.abc import Iterable
 from pathlib import Path
 
-import can
 import msgspec
 import tomli_w
 from ports import free_port
 from waiting import HANG_S, until
 
 from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import Limits
 from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.sil.firmware.agilex import AgilexChassis
+from firmware_bridge.sil.firmware.node import FirmwareLoop, FirmwareNode
+from firmware_bridge.sil.firmware.wires import CanWire
+from firmware_bridge.sil.firmware.world import BaseState
+from firmware_bridge.sil.scenario.ports import multicast_bus
 
-COMMANDS = (0x111, 0x131, 0x421, 0x441)
 MARK = 0x7FF
 """Nothing of the chassis': a frame by which a test knows that all frames before it have arrived."""
 _profiles = tempfile.TemporaryDirectory()
@@ -28,8 +31,7 @@ _profiles = tempfile.TemporaryDirectory()
 
 def multicast_address() -> str:
     """A bus between processes that no other test uses."""
-    draw = random.SystemRandom()
-    return f"udp_multicast:239.75.{draw.randrange(256)}.{draw.randrange(1, 255)}?port={free_port()[1]}"
+    return multicast_bus(free_port()[1])
 
 
 def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> GuardSpec:
@@ -59,16 +61,29 @@ def patient_spec(address: str, profile: str = "", **changes: object) -> GuardSpe
     return guard_spec(address, profile or patient_profile(), **patient)
 
 
-class Chassis:
-    """An AgileX chassis, protocol 2, after its manual: reports every 20 ms, obeys 0x421, records commands."""
+class Obedient:
+    """A plant whose only robot moves as it is told at once, and never gets anywhere."""
+
+    def __init__(self) -> None:
+        self.motion = (0.0, 0.0)
+
+    def step(self, motions) -> None:
+        (self.motion,) = motions
+
+    def state(self, robot: int) -> BaseState:
+        return BaseState((0.0, 0.0), 0.0, *self.motion)
+
+
+class Chassis(AgilexChassis):
+    """The harness's chassis, served by a thread, with all patience; records commands."""
 
     def __init__(self, address: str, control_mode: int = 0) -> None:
-        channel, _, port = address.removeprefix("udp_multicast:").partition("?port=")
-        self._channel, self._port, self._marks = channel, int(port), 0
-        self.bus = can.Bus(interface="udp_multicast", channel=channel, port=self._port)
+        super().__init__()
+        self.control_mode, self.timeout_s = control_mode, HANG_S
+        self._wire, self._address, self._marks = CanWire(address), address, 0
         self.frames: list[tuple[int, bytes]] = []
-        self.control_mode, self.vehicle_state, self.silent = control_mode, 0, False
-        self.speed = b"\0\0"
+        self.on_command = lambda heard: self.frames.append(heard.packet[:2])
+        self._loop = FirmwareLoop(Obedient(), [FirmwareNode(self, self._wire)])
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -79,7 +94,6 @@ class Chassis:
     def __exit__(self, *_: object) -> None:
         self._ending.set()
         self._thread.join()
-        self.bus.shutdown()
 
     def ids(self) -> list[int]:
         return [frame_id for frame_id, _ in self.frames]
@@ -92,36 +106,19 @@ class Chassis:
 
     def settle(self) -> None:
         """Wait until whatever is under way on the bus has arrived."""
-        marks = self._marks
-        with can.Bus(interface="udp_multicast", channel=self._channel, port=self._port) as other:
-            other.send(can.Message(arbitration_id=MARK, is_extended_id=False))
-            self.wait(lambda: self._marks > marks)
+        marks, other = self._marks, CanWire(self._address)
+        other.send(Frame(MARK, b""))
+        self.wait(lambda: self._marks > marks)
+        other.close()
+
+    def _take(self, packet: Frame, arrival_s: float) -> Iterable[Frame]:
+        self._marks += packet.frame_id == MARK
+        return super()._take(packet, arrival_s)
 
     def _run(self) -> None:
-        due = time.monotonic()
-        while not self._ending.is_set():
-            message = self.bus.recv(max(due - time.monotonic(), 0.0))
-            if message is not None and message.arbitration_id in COMMANDS:
-                self._take(message)
-            self._marks += message is not None and message.arbitration_id == MARK
-            if time.monotonic() >= due:
-                due += 0.02
-                self._report()
-
-    def _take(self, message: can.Message) -> None:
-        data = bytes(message.data)
-        self.frames.append((message.arbitration_id, data))
-        if message.arbitration_id == 0x421 and self.control_mode != 3:
-            self.control_mode = data[0]
-        if message.arbitration_id == 0x111:
-            self.speed = data[:2]
-
-    def _report(self) -> None:
-        if self.silent:
-            return
-        system = bytes([self.vehicle_state, self.control_mode, 0x01, 0x00, 0, 0, 0, 0])
-        for frame_id, data in ((0x211, system), (0x221, self.speed + bytes(6))):
-            self.bus.send(can.Message(arbitration_id=frame_id, data=data, is_extended_id=False))
+        with self._loop:
+            while not self._ending.is_set():
+                self._loop.turn()
 
 
 RUNTIME = """

@@ -1,120 +1,113 @@
-"""A firmware node: the robot's end of the wire, with a command timeout of its own and a record of its own."""
+"""Firmware on its wire, and the loop that serves nodes and the world in which they drive."""
 
-import abc
+import math
+import select
 import time
-from typing import Final, NamedTuple
-
-import msgspec
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 from edge_runtime.messages import Vector2
-from firmware_bridge.sil.firmware.world import Pose
-from firmware_bridge.sil.measurement.samples import Samples
+from firmware_bridge.sil.firmware.firmware import Firmware
+from firmware_bridge.sil.firmware.wires import Wire
+from firmware_bridge.sil.firmware.world import BaseState
 
-REST: Vector2 = (0.0, 0.0)
-LONGEST_QUEUE_S: Final = 1.0
-"""No frame waits longer to be read."""
-
-
-class Pace(NamedTuple):
-    """What a node will have to record."""
-
-    commands_hz: float
-    poses_hz: float
-    duration_s: float
+STEP_S: Final = 0.01
+"""Of the plant."""
+Packet = TypeVar("Packet")
 
 
-class NodeRecord(msgspec.Struct, frozen=True):
-    """What came and went at one firmware; all times are of CLOCK_MONOTONIC, which the processes share."""
+class FirmwareNode(Generic[Packet]):
+    """One robot's end of the wire.
 
-    robot_id: int
-    command_s: list[float]
-    """When the kernel took each setpoint off the wire."""
-    forward_m_s: list[float]
-    """What each asked for."""
-    yaw_rad_s: list[float]
-    pose_s: list[float]
-    """When each pose was measured, which is when it was sent."""
-    timeouts: int
-    """How many times this firmware stopped by itself."""
+    Args:
+        firmware: decides.
+        wire: carries; the node closes it.
+    """
 
+    def __init__(self, firmware: Firmware[Packet], wire: Wire[Packet]) -> None:
+        self.firmware, self.wire = firmware, wire
 
-class FirmwareNode(abc.ABC):
-    """What both kinds share: the newest motion, how long it holds, and the record."""
-
-    timeout_s = 0.5
-    """Silence after which this firmware stops by itself."""
-
-    def __init__(self, robot_id: int, pace: Pace) -> None:
-        self.robot_id = robot_id
-        self.stale = self.corrupt = self.not_finite = False
-        """Faults: the pose stands still in time, frames are damaged, the pose is not a number."""
-        self.located = False
-        """Whether it tells its pose already. Before, its runtime commands nothing, and its guard waits."""
-        self._motion = REST
-        self._fresh_until_s = 0.0
-        self._timeouts = self._obeyed = 0
-        commands_hz, poses_hz, duration_s = pace
-        self._command_s, self._forward, self._yaw = (Samples(commands_hz, duration_s) for _ in range(3))
-        self._pose_s = Samples(poses_hz, duration_s)
-
-    @property
-    def setpoints(self) -> int:
-        """How many setpoints have arrived that this firmware obeyed."""
-        return self._obeyed
-
-    @abc.abstractmethod
-    def fileno(self) -> int:
-        """Return the wire's descriptor."""
-
-    @abc.abstractmethod
-    def close(self) -> None:
-        """Let the wire go."""
-
-    @abc.abstractmethod
     def receive(self) -> None:
         """Take in and obey everything that has arrived."""
+        for packet, arrival_s in self.wire.receive():
+            self._send(self.firmware.hear(packet, arrival_s))
 
-    @abc.abstractmethod
-    def report(self, pose: Pose) -> None:
-        """Send the pose, and what else is due."""
+    def report(self, state: BaseState) -> None:
+        """Send the telemetry that is due."""
+        self._send(self.firmware.report(state))
 
-    def motion(self, now_s: float) -> Vector2:
-        """Return the (forward m/s, yaw rad/s) to follow: rest, once the commands have ended."""
-        if self._motion != REST and now_s > self._fresh_until_s:
-            self._motion = REST
-            self._timeouts += 1
-        return self._motion
-
-    def record(self) -> NodeRecord:
-        """Return everything so far."""
-        return NodeRecord(
-            self.robot_id,
-            self._command_s.tolist(),
-            self._forward.tolist(),
-            self._yaw.tolist(),
-            self._pose_s.tolist(),
-            self._timeouts,
-        )
-
-    def _follow(self, arrival_s: float, motion: Vector2, *, obeys: bool) -> None:
-        self._motion, self._fresh_until_s = motion if obeys else REST, arrival_s + self.timeout_s
-        self._obeyed += obeys
-        self._command_s.append(arrival_s)
-        self._forward.append(motion[0])
-        self._yaw.append(motion[1])
-
-    def _halt(self) -> None:
-        self._motion = REST
-
-    def _sent_pose(self, stamp_s: float) -> None:
-        self._pose_s.append(stamp_s)
+    def _send(self, packets: Iterable[Packet]) -> None:
+        for packet in packets:
+            self.wire.send(packet)
 
 
-def to_monotonic(stamp_s: float) -> float:
-    """Turn a kernel's stamp of arrival, which is of the wall clock, into monotonic time.
+class Plant(Protocol):
+    """What the nodes drive; see `firmware_bridge.sil.firmware.world.World`."""
 
-    A stamp from before the wall clock was set means nothing: then the frame counts as arriving now.
+    def step(self, motions: Sequence[Vector2]) -> None:
+        """Advance by STEP_S while each robot follows its (forward m/s, yaw rad/s)."""
+        ...
+
+    def state(self, robot: int) -> BaseState:
+        """Return what the firmware of the robot at this place in the order measures."""
+        ...
+
+
+class FirmwareLoop:
+    """Serves nodes and plant on one grid of absolute deadlines; a context manager that lets the wires go.
+
+    Args:
+        plant: advances by STEP_S at a time.
+        nodes: in the plant's order.
+        report_steps: telemetry goes out every so many steps.
     """
-    now_s = time.monotonic()
-    waited_s = time.time() - stamp_s
-    return now_s - waited_s if 0.0 <= waited_s < LONGEST_QUEUE_S else now_s
+
+    def __init__(self, plant: Plant, nodes: Sequence[FirmwareNode[Any]], report_steps: int = 2) -> None:
+        self._plant, self._nodes, self._report_steps = plant, nodes, report_steps
+        self._poll = select.poll()
+        self._receivers: dict[int, Callable[[], object]] = {}
+        for node in nodes:
+            self.listen(node.wire.fileno(), node.receive)
+        self._due_s, self._step = time.monotonic(), 0
+
+    def __enter__(self) -> "FirmwareLoop":
+        """Hold the wires."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let them go."""
+        for node in self._nodes:
+            node.wire.close()
+
+    def listen(self, descriptor: int, receive: Callable[[], object]) -> None:
+        """Call ``receive`` whenever something else can be read."""
+        self._receivers[descriptor] = receive
+        self._poll.register(descriptor, select.POLLIN)
+
+    def forget(self, descriptor: int) -> None:
+        """Look at a descriptor no more."""
+        self._poll.unregister(descriptor)
+
+    def turn(self, until_s: float = math.inf) -> float | None:
+        """Wait for packets, for the next step or until a time, and do what comes.
+
+        Returns:
+            How late the plant's step was in s; None if its time has not come.
+        """
+        wait_s = min(self._due_s, until_s) - time.monotonic()
+        for descriptor, _ in self._poll.poll(max(1e3 * wait_s, 0.0)):
+            self._receivers[descriptor]()
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return None
+        late_s = now_s - self._due_s
+        self._advance(now_s)
+        return late_s
+
+    def _advance(self, now_s: float) -> None:
+        self._plant.step([node.firmware.motion(now_s) for node in self._nodes])
+        if self._step % self._report_steps == 0:
+            for robot, node in enumerate(self._nodes):
+                node.report(self._plant.state(robot))
+        self._step += 1
+        self._due_s += STEP_S

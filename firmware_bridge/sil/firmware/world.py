@@ -18,7 +18,7 @@ from firmware_bridge.kinematics.frames import rotate, wrap
 from firmware_bridge.simulation.plant import contact_forces
 
 
-class Pose(NamedTuple):
+class BaseState(NamedTuple):
     """A base as its firmware could measure it, in the team's frame (ENU)."""
 
     position_m: Vector2
@@ -72,16 +72,16 @@ class World:
             self.velocity_m_s += (force + push) / self._mass_kg * substep_s
             self.position_m += self.velocity_m_s * substep_s
         for robot in range(len(self._headings)):
-            self._headings[robot] = wrap(self._headings[robot] + self._period_s * self.pose(robot).yaw_rad_s)
+            self._headings[robot] = wrap(self._headings[robot] + self._period_s * self.state(robot).yaw_rad_s)
 
-    def pose(self, robot: int) -> Pose:
+    def state(self, robot: int) -> BaseState:
         """Return what the firmware of the robot at this place in the order measures."""
         x, y = self.position_m[robot].tolist()
         v_x, v_y = self.velocity_m_s[robot].tolist()
         heading = self._headings[robot]
         back_x, back_y = rotate((self._ahead_m, 0.0), heading)
         forward, left = rotate((v_x, v_y), -heading)
-        return Pose((x - back_x, y - back_y), heading, forward, left / self._ahead_m)
+        return BaseState((x - back_x, y - back_y), heading, forward, left / self._ahead_m)
 
     def speeds_m_s(self) -> Floats:
         """Return the discs' speeds (N,)."""

@@ -9,7 +9,8 @@ from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.sil.scenario.ports import HOST
-from firmware_bridge.sil.scenario.scenario import AUTOPILOT, GUARD_PERIODS, PROFILE, Scenario, Station
+from firmware_bridge.sil.scenario.scenario import GUARD_PERIODS, Scenario, Station
+from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, PROFILE
 
 MODULE = "edge_runtime.run"
 STARTING_S = 120.0

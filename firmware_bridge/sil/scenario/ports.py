@@ -59,3 +59,8 @@ def free_network(robots: Sequence[int], *, zenoh: bool, relayed: bool) -> Networ
     groups = (robots, robots, relays, places)
     own, wires, to_relays, on_places = (dict(zip(group, ports, strict=False)) for group in groups)
     return Network(own, wires, to_relays, on_places, dict(zip(tunnels, ports, strict=True)))
+
+
+def multicast_bus(port: int) -> str:
+    """Return the address of a CAN bus between processes of this machine, one for each port."""
+    return f"udp_multicast:239.75.{port >> 8}.{max(port & 0xFF, 1)}?port={port}"

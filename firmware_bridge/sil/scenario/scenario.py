@@ -6,7 +6,6 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
@@ -18,10 +17,9 @@ from edge_runtime.control.mission import adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
-from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, load_limits
-from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network
+from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network, multicast_bus
 from firmware_bridge.sil.scenario.team_file import (
     generated_team,
     on_zenoh,
@@ -29,17 +27,11 @@ from firmware_bridge.sil.scenario.team_file import (
     write_fleets,
     write_key,
 )
+from firmware_bridge.sil.scenario.vehicle import BridgeKind, ahead_m
 
-BridgeKind = Literal["can", "mavlink"]
-PROFILE = "agilex_v2"
-"""Of the robots on CAN."""
-AUTOPILOT = "ardupilot_rover"
-"""Of those on MAVLink."""
 ROBOTS = 4
 GUARD_PERIODS = 3
 """The guard's deadline in control periods, its own default where that is at most 0.1 s."""
-POINT_AHEAD_M = 0.2
-"""MAVLink: the point that is steered, ahead of the rover's axle."""
 
 
 class Request(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,9 +89,7 @@ class Scenario:
     @property
     def ahead_m(self) -> float:
         """Distance from a base's axle to the point that it steers."""
-        if self.request.bridge == "mavlink":
-            return POINT_AHEAD_M
-        return load_profile(profile_path(PROFILE)).base.reference_m
+        return ahead_m(self.request.bridge)
 
 
 def prepare(request: Request, folder: Path) -> Scenario:
@@ -170,18 +160,12 @@ def _check_clock() -> None:
         raise ConfigError("the fault clock_jump may not set the clock: it needs CAP_SYS_TIME") from error
 
 
-def _wire(bridge: BridgeKind, port: int) -> str:
-    if bridge == "mavlink":
-        return str(port)
-    # One group for all: the port tells the buses apart.
-    return f"udp_multicast:239.75.{port >> 8}.{max(port & 0xFF, 1)}?port={port}"
-
-
 def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, network: Network) -> Station:
     robot = fleet.robot(robot_id)
     to_goal = (robot.goal_m[0] - robot.start_m[0], robot.goal_m[1] - robot.start_m[1])
     heading = math.atan2(to_goal[1], to_goal[0])
-    wire, port = _wire(bridge, network.wires[robot_id]), network.ports[robot_id]
+    number, port = network.wires[robot_id], network.ports[robot_id]
+    wire = multicast_bus(number) if bridge == "can" else str(number)
     return Station(robot_id, str(file), wire, port, robot.start_m, robot.goal_m, heading)
 
 

@@ -74,13 +74,13 @@ def test_nothing_is_commanded(peer, mission):
 
 @pytest.mark.parametrize(("allow", "verdict"), [(False, Verdict.FAIL), (True, Verdict.WARN)])
 def test_a_timeout_over_a_second(peer, mission, allow, verdict):
-    peer.timeout_s = 3.0
+    peer.parameters["COM_OF_LOSS_T"] = 3.0
     flags = MavlinkFlags(FLAGS.address, "px4", GuardFlags(allow_unsafe_firmware_timeout=allow))
     assert verdicts(examine_link(mission, flags))["firmware timeout"] is verdict
 
 
 def test_an_autopilot_that_does_not_tell_its_timeout(peer):
-    peer.timeout_s = None
+    peer.parameters.clear()
     heard, found = hear()
     assert found.verdict is Verdict.OK
     assert heard.firmware_timeout_s is None
@@ -95,7 +95,7 @@ def test_silence_is_bounded_and_explained(peer):
 
 
 def test_another_system_is_not_taken_for_the_autopilot(peer):
-    peer._parser.srcSystem = 7
+    peer.codec.srcSystem = 7
     _, found = hear()
     assert found.verdict is Verdict.FAIL
     assert "(0 frames taken" not in found.detail

@@ -193,7 +193,7 @@ class TestFaults:
     def test_stale_positions_are_a_fault(self, connect, clock):
         link, autopilot = connect("ardupilot_rover")
         drive(link, clock)
-        autopilot.frozen = True
+        autopilot.located = False
         clock.now_s += 0.6
         link.receive(clock.now_s)
         assert link.health(clock.now_s).condition is Condition.FAULT
@@ -225,11 +225,11 @@ class TestFaults:
             connect("px4", silent=True)
 
     def test_an_unknown_firmware_timeout_stays_unknown(self, connect):
-        link, _ = connect("px4", timeout_s=None)
+        link, _ = connect("px4", parameters={})
         assert link.firmware_timeout_s is None
 
     def test_no_position_is_enough_to_open_but_not_to_move(self, connect, clock):
-        link, autopilot = connect("px4", frozen=True)
+        link, autopilot = connect("px4", located=False)
         assert link.state() is None
         with pytest.raises(BridgeError, match="TIMESYNC"):
             walk(link, link.enable_sequence(), clock)
@@ -338,7 +338,7 @@ class TestOtherWays:
         assert link.dropped() == 0
 
     def test_a_refusal_without_words_is_told_by_its_number(self, connect, clock):
-        link, _ = connect("px4", refuses={ARM}, complains=False, acknowledges=4)
+        link, _ = connect("px4", refuses={ARM}, complains=False, refusal=4)
         with pytest.raises(BridgeError, match="did not arm: MAV_RESULT 4 to command 400"):
             walk(link, link.enable_sequence(), clock)
 

@@ -34,7 +34,7 @@ def test_the_disc_takes_the_velocity_that_the_base_was_told(heading, wanted):
     """`motion_for` is what the bridges send; whatever way the base looks, the disc moves as asked."""
     world = make((0.0, 0.0), headings=[heading])
     for _ in range(300):
-        motion = motion_for(wanted, world.pose(0).heading_rad, BASE)
+        motion = motion_for(wanted, world.state(0).heading_rad, BASE)
         world.step([(motion.forward_m_s, motion.yaw_rad_s)])
     np.testing.assert_allclose(world.velocity_m_s[0], wanted, atol=1e-3)
 
@@ -59,7 +59,7 @@ def test_contacts_are_the_plants():
     touched = 0
     for _ in range(60):
         plant.position_m[:], plant.velocity_m_s[:] = world.position_m, world.velocity_m_s
-        ahead = np.array([(math.cos(h), math.sin(h)) for h in (world.pose(0)[1], world.pose(1)[1])])
+        ahead = np.array([(math.cos(h), math.sin(h)) for h in (world.state(0)[1], world.state(1)[1])])
         lacking = ahead - (1.0 - plant.dynamics.drag) * plant.velocity_m_s
         world.step([(1.0, 0.0), (1.0, 0.0)])
         plant.step(np.clip(lacking * plant.dynamics.mass_kg / PERIOD_S, x.low, x.high))
@@ -72,14 +72,14 @@ def test_odometry_leads_back_to_the_truth():
     """The guard's own dead reckoning, fed with what the firmware reports, ends where the plant is."""
     draw = np.random.default_rng(3)
     world = make((0.4, -0.3), headings=[1.0])
-    axle = world.pose(0)
+    axle = world.state(0)
     reckoned = DeadReckoning(0, Pose(*axle.position_m, axle.heading_rad), BASE)
     motion = (0.0, 0.0)
     for step in range(1000):
         if step % 50 == 0:
             motion = (draw.uniform(-0.3, 0.3), draw.uniform(-1.0, 1.0))
         world.step([motion])
-        pose = world.pose(0)
+        pose = world.state(0)
         state = reckoned.advance(Motion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
     assert math.dist(state.position_m, world.position_m[0]) < 0.02
     assert math.dist(state.velocity_m_s, world.velocity_m_s[0]) < 0.01

@@ -7,17 +7,20 @@ controller states and error frames.
 import contextlib
 import fcntl
 import os
-import select
 import struct
 import termios
+import time
 import tty
+from collections.abc import Iterator
+
+from firmware_bridge.can.frame import Frame
 
 SLCAN_LINE_DISCIPLINE = 17
 STANDARD_FRAME = b"t"
 
 
 class Adapter:
-    """The adapter and, at its CAN connector, whoever calls ``receive`` and ``send``."""
+    """The adapter, a `Wire` of the harness: ``receive`` and ``send`` are its CAN connector."""
 
     def __init__(self) -> None:
         self._master, self._slave = os.openpty()
@@ -38,19 +41,24 @@ class Adapter:
         os.close(self._slave)
         os.close(self._master)
 
-    def wait(self, longest_s: float) -> None:
-        """Wait until something can be received."""
-        select.select((self._master,), (), (), longest_s)
+    def fileno(self) -> int:
+        return self._master
 
-    def receive(self) -> list[tuple[int, bytes]]:
-        """Return the frames that the interface has sent; while nobody calls this, its queue fills."""
+    def receive(self) -> Iterator[tuple[Frame, float]]:
+        """Yield the frames that the interface has sent; while nobody calls this, its queue fills."""
         self._read()
         *lines, self._received = self._received.split(b"\r")
-        return [_frame(line) for line in lines if line[:1] == STANDARD_FRAME]
+        for line in lines:
+            if line[:1] == STANDARD_FRAME:
+                yield _frame(line), time.monotonic()
 
-    def send(self, frame_id: int, data: bytes) -> None:
+    def send(self, packet: Frame) -> None:
         """Hand a frame to the interface."""
-        os.write(self._master, b"%s%03X%d%s\r" % (STANDARD_FRAME, frame_id, len(data), data.hex().encode()))
+        words = (STANDARD_FRAME, packet.frame_id, len(packet.data), packet.data.hex().encode())
+        os.write(self._master, b"%s%03X%d%s\r" % words)
+
+    def close(self) -> None:
+        """Stay: the next chassis takes it over."""
 
     def go_bus_off(self) -> None:
         """Report what a controller reports after 256 transmit errors."""
@@ -61,5 +69,5 @@ class Adapter:
             self._received += os.read(self._master, 4096)
 
 
-def _frame(line: bytes) -> tuple[int, bytes]:
-    return int(line[1:4], 16), bytes.fromhex(line[5:].decode())
+def _frame(line: bytes) -> Frame:
+    return Frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode()))

@@ -58,7 +58,7 @@ class Drive:
             self.runtime.kill()
         words = self.runtime.communicate()[0].split(maxsplit=2)
         _end(self.guard_pid)
-        timed_out_s = self.chassis.timed_out_s
+        timed_out_s = self.chassis.timed_out_s if self.chassis.timeouts else None
         return Outcome(
             scenario,
             tuple(

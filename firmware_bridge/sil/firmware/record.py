@@ -1,0 +1,65 @@
+"""What came and went at one firmware while a team drove."""
+
+from typing import Any, NamedTuple
+
+import msgspec
+
+from firmware_bridge.sil.firmware.firmware import Firmware, Heard
+from firmware_bridge.sil.measurement.samples import Samples
+
+
+class Pace(NamedTuple):
+    """What a recorder will have to hold."""
+
+    commands_hz: float
+    poses_hz: float
+    duration_s: float
+
+
+class NodeRecord(msgspec.Struct, frozen=True):
+    """What came and went at one firmware; all times are of CLOCK_MONOTONIC, which the processes share."""
+
+    robot_id: int
+    command_s: list[float]
+    """When the kernel took each setpoint off the wire."""
+    forward_m_s: list[float]
+    """What each asked for."""
+    yaw_rad_s: list[float]
+    pose_s: list[float]
+    """When each pose was measured, which is when it was sent."""
+    timeouts: int
+    """How many times this firmware stopped by itself."""
+
+
+class NodeRecorder:
+    """Listens to one firmware.
+
+    Args:
+        robot_id: whose it is.
+        firmware: what it listens to.
+        pace: how much will come.
+    """
+
+    def __init__(self, robot_id: int, firmware: Firmware[Any], pace: Pace) -> None:
+        self._robot_id, self._firmware = robot_id, firmware
+        commands_hz, poses_hz, duration_s = pace
+        self._command_s, self._forward, self._yaw = (Samples(commands_hz, duration_s) for _ in range(3))
+        self._pose_s = Samples(poses_hz, duration_s)
+        firmware.on_command, firmware.on_pose = self._take, self._pose_s.append
+
+    def record(self) -> NodeRecord:
+        """Return everything so far."""
+        return NodeRecord(
+            self._robot_id,
+            self._command_s.tolist(),
+            self._forward.tolist(),
+            self._yaw.tolist(),
+            self._pose_s.tolist(),
+            self._firmware.timeouts,
+        )
+
+    def _take(self, heard: Heard) -> None:
+        if heard.motion is not None:
+            self._command_s.append(heard.arrival_s)
+            self._forward.append(heard.motion[0])
+            self._yaw.append(heard.motion[1])
