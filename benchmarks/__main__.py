@@ -2,8 +2,9 @@
 
 import importlib
 import sys
+from collections.abc import Sequence
 
-from edge_runtime.errors import EdgeError
+from edge_runtime.common.command_line import command
 
 COMMANDS = {
     "faults": "benchmarks.faults.faults_command",
@@ -22,11 +23,12 @@ def main() -> int:
     if name not in COMMANDS:
         print(f"usage: python -m benchmarks {{{','.join(COMMANDS)}}} ...", file=sys.stderr)
         return 2
-    try:
-        return importlib.import_module(COMMANDS[name]).main(sys.argv[2:])
-    except EdgeError as error:
-        print(f"benchmarks {name}: {error}", file=sys.stderr)
-        return 2
+
+    @command(f"benchmarks {name}")
+    def measure(arguments: Sequence[str]) -> int:
+        return importlib.import_module(COMMANDS[name]).main(arguments)
+
+    return measure(sys.argv[2:])
 
 
 if __name__ == "__main__":

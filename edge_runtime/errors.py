@@ -21,5 +21,9 @@ class BridgeError(EdgeError):
     """The link to the robot's firmware cannot be opened or has failed."""
 
 
+class FailedError(EdgeError):
+    """What a command had begun did not succeed: it ends with exit code 1, not 2."""
+
+
 class GradientError(EdgeError):
     """An objective's slope disagrees with the finite differences of its own cost."""

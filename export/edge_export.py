@@ -2,12 +2,13 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from onnx import ModelProto
 
-from edge_runtime.common.command_line import CommandParser
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.common.command_line import CommandParser, command
+from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Training
 from edge_runtime.policy.weights import FlowWeights
 from export.algorithms.networks import FlowNetwork
@@ -27,6 +28,7 @@ EPILOG = """\
 exit codes:
   0  the bundle is written
   2  a flag, file or run does not hold together; one line says what
+  130  interrupted
 
 examples:
   edge-export runs/nav --out policies/navigation
@@ -79,13 +81,10 @@ def export_graph(file: Path, facts: Facts, target: Path, *, force: bool = False)
     return write_bundle(target, facts, graph, weights, inputs, expected, force=force), how
 
 
-def main() -> int:
-    """Run ``edge-export``; 0 on success, 2 after one line on what does not fit."""
-    try:
-        print(_run(make_parser().parse_args()))
-    except EdgeError as error:
-        print(f"edge-export: {error}", file=sys.stderr)
-        return 2
+@command("edge-export")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-export``; returns the exit code."""
+    print(_run(make_parser().parse_args(arguments)))
     return 0
 
 

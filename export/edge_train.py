@@ -2,14 +2,15 @@
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import torch
 from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
-from edge_runtime.common.command_line import CommandParser
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.common.command_line import CommandParser, command, complain
+from edge_runtime.common.flag_types import whole_number
+from edge_runtime.errors import EdgeError, FailedError
 from export.algorithms.base import TrainingSettings
 from export.distributed import join, launch
 from export.scenarios import SCENARIOS
@@ -18,6 +19,7 @@ from export.training.progress import ProgressView
 from export.training.request import ALGORITHMS, Request, check_request
 from export.training.run import TrainingRun
 
+NUMBER, COUNT = whole_number(0, 2**63 - 1), whole_number(1, 2**63 - 1)
 EPILOG = """\
 exit codes:
   0  trained to the last frame
@@ -38,7 +40,7 @@ the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv a
 """
 
 
-def parse(arguments: list[str] | None = None) -> tuple[Request, int]:
+def parse(arguments: Sequence[str] | None = None) -> tuple[Request, int]:
     """Return the request and the number of workers to start."""
     options = vars(make_parser().parse_args(arguments))
     workers = options.pop("workers")
@@ -52,11 +54,13 @@ def make_parser() -> CommandParser:
     add("scenario", choices=sorted(SCENARIOS), help="the task")
     add("--out", type=Path, required=True, metavar="DIR", help="directory of the run")
     add("--algorithm", choices=sorted(ALGORITHMS), default="mafpo-chain", help="(default: %(default)s)")
-    add("--seed", type=int, default=0, metavar="N", help="of everything that is drawn (default: %(default)s)")
-    add("--frames", type=int, metavar="N", help=f"control steps of the team (default: {_default_frames()})")
+    add("--seed", type=NUMBER, default=0, metavar="N", help="of all that is drawn (default: %(default)s)")
+    add("--frames", type=COUNT, metavar="N", help=f"control steps of the team (default: {_default_frames()})")
     add("--resume", action="store_true", help="continue the run in DIR from its last checkpoint")
     add("--warm-start", type=Path, metavar="RUN", help="mappo's run that a new mafpo-warm begins with")
-    add("--workers", type=int, default=1, metavar="N", help="processes that share it (default: %(default)s)")
+    add(
+        "--workers", type=COUNT, default=1, metavar="N", help="processes that share it (default: %(default)s)"
+    )
     return parser
 
 
@@ -66,20 +70,6 @@ def _default_frames() -> str:
     common = max(set(frames.values()), key=list(frames.values()).count)
     others = [f"{name}: {count}" for name, count in frames.items() if count != common]
     return ", ".join([str(common), *others])
-
-
-def check(request: Request, workers: int) -> None:
-    """Refuse numbers that make no sense.
-
-    Raises:
-        ConfigError: names the flag.
-    """
-    if workers < 1:
-        raise ConfigError(f"--workers must be at least 1, got {workers}")
-    if request.seed < 0:
-        raise ConfigError(f"--seed must not be negative, got {request.seed}")
-    if request.frames is not None and request.frames < 1:
-        raise ConfigError(f"--frames must be at least 1, got {request.frames}")
 
 
 @contextlib.contextmanager
@@ -117,10 +107,10 @@ def _work_in_group(request: Request) -> EdgeError | None:
 
 def _tell_rounding(settings: TrainingSettings, request: Request) -> None:
     if request.frames not in (None, settings.whole_frames):
-        print(
-            f"edge-train: --frames {request.frames} is rounded up to {settings.whole_frames}: an update "
+        complain(
+            "edge-train",
+            f"--frames {request.frames} is rounded up to {settings.whole_frames}: an update "
             f"takes {settings.environments * settings.steps}",
-            file=sys.stderr,
         )
 
 
@@ -134,24 +124,19 @@ def _train(request: Request, workers: int) -> None:
             raise refusal
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Command line; returns the exit code."""
+@command("edge-train")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``edge-train``; returns the exit code."""
+    request, workers = parse(arguments)
+    _tell_rounding(check_request(request, workers).settings, request)
     try:
-        request, workers = parse(arguments)
-        check(request, workers)
-        _tell_rounding(check_request(request, workers).settings, request)
         with locked(request.out):
             _train(request, workers)
-    except EdgeError as error:
-        print(f"edge-train: {error}", file=sys.stderr)
-        return 2
     except ChildFailedError as error:
         rank, _ = error.get_first_failure()
-        print(f"edge-train: worker {rank} failed, see its message above", file=sys.stderr)
-        return 1
+        raise FailedError(f"worker {rank} failed, see its message above") from error
     except KeyboardInterrupt:
-        print(f"edge-train: stopped; continue with --resume --out {request.out}", file=sys.stderr)
-        return 130
+        raise KeyboardInterrupt(f"stopped; continue with --resume --out {request.out}") from None
     return 0
 
 

@@ -18,6 +18,7 @@ import matplotlib as mpl
 import numpy as np
 
 from benchmarks.paper.tasks import TASKS
+from edge_runtime.common.command_line import command
 from edge_runtime.errors import ConfigError
 
 mpl.use("Agg")
@@ -85,16 +86,13 @@ def draw(points: Sequence[Point], path: Path) -> None:
     plt.close(figure)
 
 
+@command("curves")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read, write, draw; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.curves", description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR")
     options = parser.parse_args(arguments)
-    try:
-        points = read_points(options.runs)
-    except ConfigError as error:
-        print(f"curves: {error}", file=sys.stderr)
-        return 2
+    points = read_points(options.runs)
     OUT.mkdir(parents=True, exist_ok=True)
     with (OUT / "curves.csv").open("w", newline="") as file:
         csv.writer(file).writerows([Point._fields, *points])

@@ -1,14 +1,108 @@
-"""What all commands of this project share: a wrong flag is one line, a missing extra names its install."""
+"""What all commands of this project share: how they are read, and how they end.
+
+A wrong flag, a missing extra and every other error of the family is one line on standard error, with exit
+code 2, or 1 where what was asked for had begun. Whoever stops reading, or interrupts, gets no traceback.
+"""
 
 import argparse
+import contextlib
+import functools
 import importlib
-from collections.abc import Iterable
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final, NoReturn
+from types import ModuleType
+from typing import TYPE_CHECKING, Final, NoReturn
 
-from edge_runtime.errors import ConfigError
+import msgspec
+
+from edge_runtime.common.printable import printable
+from edge_runtime.common.streams import lost, open_streams
+from edge_runtime.errors import ConfigError, EdgeError, FailedError
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 DISTRIBUTION: Final = "cfpg-edge"
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+Main = Callable[[Sequence[str] | None], int]
+
+
+def command(name: str) -> Callable[[Main], Callable[..., int]]:
+    """Make a command of a function that is given its arguments and returns the exit code.
+
+    Args:
+        name: in front of every line that says what is wrong.
+    """
+
+    def decorate(main: Main) -> Callable[..., int]:
+        @functools.wraps(main)
+        def framed(arguments: Sequence[str] | None = None) -> int:
+            open_streams()
+            return _flushed(name, _outcome(name, main, arguments))
+
+        return framed
+
+    return decorate
+
+
+def complain(name: str, text: str) -> None:
+    """Say in one line what is wrong, if anybody reads it."""
+    with contextlib.suppress(OSError):
+        print(f"{name}: {printable(text)}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def begun() -> Iterator[None]:
+    """Let errors of the family count as failures of what was asked for, which has begun: exit code 1."""
+    try:
+        yield
+    except EdgeError as error:
+        raise FailedError(str(error)) from error
+
+
+def _outcome(name: str, main: Main, arguments: Sequence[str] | None) -> int:
+    """Run a command to its exit code."""
+    try:
+        _check_encoding(sys.argv[1:] if arguments is None else arguments)
+        return main(arguments)
+    except SystemExit as left:  # argparse, after --help
+        return int(left.code or 0)
+    except EdgeError as error:
+        complain(name, str(error))
+        return 1 if isinstance(error, FailedError) else 2
+    except KeyboardInterrupt as interrupt:  # with a text where there is more to say
+        complain(name, str(interrupt) or "interrupted")
+        return INTERRUPTED
+    except OSError as error:
+        return _refused(name, error, 1)
+
+
+def _flushed(name: str, code: int) -> int:
+    """Write out what is held back; the interpreter would fail to, after the exit code is decided."""
+    error = lost(sys.stdout)
+    lost(sys.stderr)
+    return code if error is None else _refused(name, error, code)
+
+
+def _refused(name: str, error: OSError, code: int) -> int:
+    """Say what the system refused, as a rule to take text; who reads only the first lines of a pipe knows."""
+    if not isinstance(error, BrokenPipeError):
+        complain(name, f"{error.filename or 'input or output'}: {error.strerror or error}")
+        code = code or 1
+    return code
+
+
+def _check_encoding(arguments: Sequence[str]) -> None:
+    """Refuse names that no record, log or child process could repeat."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError as error:
+            raise ConfigError(f"{os.fsencode(argument)!r} is not UTF-8; rename the file") from error
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -35,6 +129,10 @@ class CommandParser(argparse.ArgumentParser):
         """Raise what is wrong with the command line."""
         raise ConfigError(f"{message}; see {self.prog} --help")
 
+    def print_help(self, file: "SupportsWrite[str] | None" = None) -> None:
+        """Print the help; argparse's own hides that it could not."""
+        (file or sys.stdout).write(self.format_help())
+
 
 def _path(text: str) -> Path:
     if not text:
@@ -56,13 +154,26 @@ def check_output(flag: str, path: Path, inputs: Iterable[Path | None]) -> None:
         raise ConfigError(f"{flag} {path}: cannot be written ({error.strerror})") from error
 
 
-def need(module: str, extra: str) -> None:
-    """Import an optional library.
+def write_report(flag: str, path: Path, record: msgspec.Struct) -> None:
+    """Write a record as JSON.
+
+    Raises:
+        ConfigError: if the system refuses it.
+    """
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+    except OSError as error:
+        raise ConfigError(f"{flag} {path}: the report could not be written ({error.strerror})") from error
+
+
+def need(module: str, extra: str) -> ModuleType:
+    """Import what is there only with an extra of this distribution.
 
     Raises:
         ConfigError: says how to install it.
     """
     try:
-        importlib.import_module(module)
+        return importlib.import_module(module)
     except ImportError as error:
-        raise ConfigError(f"{module} is not installed; run: pip install '{DISTRIBUTION}[{extra}]'") from error
+        missing = f"{error.name or module} is not installed; run: pip install '{DISTRIBUTION}[{extra}]'"
+        raise ConfigError(missing) from error

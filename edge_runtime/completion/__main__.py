@@ -1,8 +1,6 @@
 """``python -m edge_runtime.completion`` prints shell completion."""
 
-import sys
-
-from edge_runtime.completion.completion import main
+from edge_runtime.commands import launch
 
 if __name__ == "__main__":
-    sys.exit(main())
+    launch("completion", "edge_runtime.completion.completion")

@@ -1,8 +1,6 @@
 """``python -m edge_runtime.doctor`` is edge-doctor."""
 
-import sys
-
-from edge_runtime.doctor.edge_doctor import main
+from edge_runtime.commands import edge_doctor
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_doctor()

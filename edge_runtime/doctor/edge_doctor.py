@@ -2,19 +2,19 @@
 
 import argparse
 import importlib
-import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.command_line import command
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, line
 from edge_runtime.doctor.machine import examine_machine
 from edge_runtime.doctor.policy import examine_policy
 from edge_runtime.doctor.team import examine_team
-from edge_runtime.errors import BundleError, EdgeError
+from edge_runtime.errors import BundleError
 from edge_runtime.run.console import use_colour
 from edge_runtime.run.edge_run import BRIDGES
 from edge_runtime.run.flags import chosen_bridge, make_mission, make_parser
@@ -27,6 +27,7 @@ exit codes:
   0  nothing failed; there may be warnings
   1  at least one check failed, or was not made
   2  a flag or file does not hold together; one line says what, nothing was checked
+  130  interrupted
 
 examples:
   edge-doctor --robot-id 0
@@ -73,26 +74,19 @@ def show(findings: Iterable[Finding], *, colour: bool) -> bool:
     return failures == 0
 
 
+@command("edge-doctor")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-doctor``; returns the exit code."""
-    try:
-        link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
-        parser = make_parser(tuple(BRIDGES))
-        parser.prog, parser.description, parser.epilog = "edge-doctor", DESCRIPTION, EPILOG
-        link.add_arguments(parser)
-        flags = parser.parse_args(arguments)
-        findings = examine_all(flags, link.options_from(flags))
-    except EdgeError as error:
-        print(f"edge-doctor: {error}", file=sys.stderr)
-        return 2
+    link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
+    parser = make_parser(tuple(BRIDGES))
+    parser.prog, parser.description, parser.epilog = "edge-doctor", DESCRIPTION, EPILOG
+    link.add_arguments(parser)
+    flags = parser.parse_args(arguments)
+    findings = examine_all(flags, link.options_from(flags))
     try:
         return 0 if show(findings, colour=use_colour(sys.stdout)) else 1
-    except BrokenPipeError:
-        # What is still buffered must not fail again when the interpreter exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
-        print("edge-doctor: interrupted, not everything was checked", file=sys.stderr)
-    return 1
+        raise KeyboardInterrupt("interrupted, not everything was checked") from None
 
 
 if __name__ == "__main__":

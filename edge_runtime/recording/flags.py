@@ -6,11 +6,13 @@ import time
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.flag_types import number
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.folder import default_folder, run_name
 from edge_runtime.recording.wire import LogPlan
 
 _MB: Final = 1_000_000
+_positive = number(1e-3, 1e9)
 
 
 def add_log_flags(parser: argparse.ArgumentParser) -> None:
@@ -50,10 +52,3 @@ def make_log_plan(flags: argparse.Namespace) -> LogPlan:
         file_s=flags.log_file_s,
         keep_bytes=int(_MB * flags.log_keep_mb),
     )
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= 1e9:
-        raise argparse.ArgumentTypeError(f"must be a number in (0, 1e9], got {text!r}")
-    return value

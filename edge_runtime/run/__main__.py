@@ -1,8 +1,6 @@
 """``python -m edge_runtime.run`` is edge-run."""
 
-import sys
-
-from edge_runtime.run.edge_run import main
+from edge_runtime.commands import edge_run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_run()

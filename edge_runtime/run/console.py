@@ -2,9 +2,7 @@
 
 import contextlib
 import os
-import sys
 import threading
-from pathlib import Path
 from typing import TextIO
 
 from edge_runtime.control.monitor import SETTLE_S, Monitor
@@ -14,11 +12,6 @@ from edge_runtime.run.run_report import RunReport
 TERMINAL_INTERVAL_S = 0.1
 PLAIN_INTERVAL_S = 1.0
 UNSETTLED = f"not judged: the objectives changed less than {SETTLE_S:g} s before the end"
-
-
-def output() -> TextIO:
-    """Return standard output, or a sink if the process was started without one."""
-    return sys.stdout if sys.stdout is not None else Path(os.devnull).open("w")
 
 
 class LiveLine:

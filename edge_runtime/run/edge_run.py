@@ -5,24 +5,23 @@ import importlib
 import math
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Final
 
-import msgspec
-
-from edge_runtime.common.command_line import check_output
+from edge_runtime.common.command_line import begun, check_output, command, write_report
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.errors import EdgeError, FailedError
 from edge_runtime.recording.recorder import Recorder, open_record
-from edge_runtime.run.console import LiveLine, output, summary, use_colour
+from edge_runtime.run.console import LiveLine, summary, use_colour
 from edge_runtime.run.final_output import say
 from edge_runtime.run.flags import chosen_bridge, make_mission, make_parser
 from edge_runtime.run.run_report import RunReport, make_report
@@ -119,7 +118,7 @@ def run(
     freeze_garbage()
     failure = ""
     try:
-        with contextlib.closing(session.watch), LiveLine(output(), mission.robot_id, monitor, grid):
+        with contextlib.closing(session.watch), LiveLine(sys.stdout, mission.robot_id, monitor, grid):
             reason = drive(session, bridge, fleet, over)
             bridge.stop(reason)
     except EdgeError as error:
@@ -154,73 +153,69 @@ def _prepare(
     return Session(controller, grid, timing, monitor, watch, recorder, dry_run)
 
 
+@command("edge-run")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-run``; returns the exit code."""
-    try:
-        with contextlib.ExitStack() as stack:
-            try:
-                signals = stack.enter_context(StopSignals())
-                link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
-                parser = make_parser(tuple(BRIDGES))
-                link.add_arguments(parser)
-                flags = parser.parse_args(arguments)
-                mission = make_mission(flags)
-                mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
-                if flags.json:
-                    check_output("--json", flags.json, (flags.objectives, flags.fleet))
-                if flags.animate:
-                    _animation().check_animation(flags.animate, recorded=flags.log)
-                recorder = stack.enter_context(open_record(flags))
-                if flags.realtime:
-                    enter_realtime()  # before the bridge: its guard process inherits it
-                bridge = link.open_bridge(mission, link.options_from(flags))
-                local = bridge if flags.bridge == "sim" else Alone()
-                # Entered last, left first: the robot is stopped before it leaves its team.
-                fleet = stack.enter_context(open_fleet(mission, local))
-                stack.enter_context(bridge)
-            except EdgeError as error:
-                return _complain(error, 2)
-            early_wake_s = 1e-3 * flags.early_wake
-            report = run(
-                mission,
-                bridge,
-                fleet,
-                signals,
-                flags.duration,
-                dry_run=flags.dry_run,
-                early_wake_s=early_wake_s,
-                stay=flags.stay,
-                recorder=recorder,
-            )
+    with contextlib.ExitStack() as opening:
+        drive_robot, flags = _open(arguments, opening)
+        links = opening.pop_all()
+    with begun():
+        with links:
+            report = drive_robot()
         # The robot stands and its links are closed: a terminal that takes no text holds up nobody.
-        stream = output()
         try:
             if flags.json:
-                _write(flags.json, report)
+                write_report("--json", flags.json, report)
         finally:
-            say(summary(report, colour=use_colour(stream)), stream)
+            say(summary(report, colour=use_colour(sys.stdout)), sys.stdout)
         if flags.animate and report.log:
             _animation().animate_run(report.log, flags.animate)
-    except EdgeError as error:
-        return _complain(error, 1)
-    return _complain(report.stop_reason, 1) if report.failed else 0
+    if report.failed:
+        raise FailedError(report.stop_reason)
+    return 0
+
+
+def _open(
+    arguments: Sequence[str] | None, opening: contextlib.ExitStack
+) -> tuple[Callable[[], RunReport], Namespace]:
+    """Check all that the command line names and open the links; returns what drives, and the flags."""
+    signals = opening.enter_context(StopSignals())
+    link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
+    parser = make_parser(tuple(BRIDGES))
+    link.add_arguments(parser)
+    flags = parser.parse_args(arguments)
+    mission = make_mission(flags)
+    mission.bundle.field(mission.backend)  # what cannot compute is refused before a link opens
+    if flags.json:
+        check_output("--json", flags.json, (flags.objectives, flags.fleet))
+    if flags.animate:
+        _animation().check_animation(flags.animate, recorded=flags.log)
+    recorder = opening.enter_context(open_record(flags))
+    if flags.realtime:
+        enter_realtime()  # before the bridge: its guard process inherits it
+    bridge = link.open_bridge(mission, link.options_from(flags))
+    local = bridge if flags.bridge == "sim" else Alone()
+    # Entered last, left first: the robot is stopped before it leaves its team.
+    fleet = opening.enter_context(open_fleet(mission, local))
+    opening.enter_context(bridge)
+    drive_robot = partial(
+        run,
+        mission,
+        bridge,
+        fleet,
+        signals,
+        flags.duration,
+        dry_run=flags.dry_run,
+        early_wake_s=1e-3 * flags.early_wake,
+        stay=flags.stay,
+        recorder=recorder,
+    )
+    return drive_robot, flags
 
 
 def _animation() -> ModuleType:
     """Load what draws only where it is wanted: it needs an extra."""
     return importlib.import_module("edge_runtime.tools.report.animate")
-
-
-def _complain(error: EdgeError | str, code: int) -> int:
-    print(f"edge-run: {error}", file=sys.stderr)
-    return code
-
-
-def _write(path: Path, report: RunReport) -> None:
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
-    except OSError as error:
-        raise ConfigError(f"--json {path}: the report could not be written ({error.strerror})") from error
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ def say(text: str, stream: TextIO) -> None:
     past the stream's buffer: that buffer's lock, held in a write that never ends, would hold up the end of
     the process too.
     """
-    writer = threading.Thread(target=_write, args=(f"{text}\n", stream), name="last words", daemon=True)
+    writer = threading.Thread(target=_write, args=(f"{text}\n", stream), name="summary", daemon=True)
     writer.start()
     with contextlib.suppress(KeyboardInterrupt):
         writer.join(None if stream.isatty() else LONGEST_S)

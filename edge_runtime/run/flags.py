@@ -1,12 +1,12 @@
 """The command line of edge-run, and the mission that its flags describe."""
 
 import argparse
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import load_objective_set
@@ -24,6 +24,7 @@ exit codes:
   0  the run ended: goals held, --duration over, SIGTERM or SIGINT; the robot was commanded to rest
   1  the link to the robot failed during the run, or an own objective raised; the robot was stopped
   2  a flag, file or bundle does not hold together; one line says what, nothing was commanded
+  130  interrupted before the run began
 
 examples:
   edge-run --robot-id 0
@@ -39,30 +40,7 @@ LARGEST_SEED: Final = 2**63 - 1
 """What a log's integers hold."""
 
 
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"must be a number in [{low:g}, {high:g}], got {text!r}")
-        return value
-
-    return convert
-
-
-def _seed(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if not 0 <= value <= LARGEST_SEED:
-        raise argparse.ArgumentTypeError(f"must be a whole number in [0, {LARGEST_SEED}], got {text!r}")
-    return value
-
-
-def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
+def make_parser(bridges: Sequence[str]) -> CommandParser:
     """The command line; ``bridges`` are the links that --bridge may name."""
     parser = CommandParser("edge-run", DESCRIPTION, EPILOG)
     add = parser.add_argument
@@ -83,13 +61,13 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     )
     add(
         "--rate",
-        type=_number(*RATE_HZ),
+        type=number(*RATE_HZ),
         metavar="HZ",
         help="control rate; default: the fleet's, else the policy's",
     )
     add(
         "--duration",
-        type=_number(0.001, 1e9),
+        type=number(0.001, 1e9),
         default=60.0,
         metavar="S",
         help="longest run in s (default: 60)",
@@ -113,7 +91,7 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     )
     add(
         "--early-wake",
-        type=_number(0.0, 100.0),
+        type=number(0.0, 100.0),
         default=0.0,
         metavar="MS",
         help="wake this long before each deadline and compute a tick to throw away (default: 0, not at all)",
@@ -126,7 +104,7 @@ def make_parser(bridges: Sequence[str]) -> argparse.ArgumentParser:
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(
         "--seed",
-        type=_seed,
+        type=whole_number(0, LARGEST_SEED),
         default=0,
         metavar="N",
         help="of the flow's start noise, where guidance asks for it (default: 0)",

@@ -1,8 +1,6 @@
 """``python -m firmware_bridge.sil`` is edge-sil."""
 
-import sys
-
-from firmware_bridge.sil.edge_sil import main
+from edge_runtime.commands import edge_sil
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_sil()

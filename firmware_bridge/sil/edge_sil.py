@@ -8,13 +8,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
-from edge_runtime.common.command_line import CommandParser, check_output
+from edge_runtime.common.command_line import (
+    CommandParser,
+    begun,
+    check_output,
+    command,
+    complain,
+    write_report,
+)
+from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import RATE_HZ
-from edge_runtime.run.console import output, use_colour
+from edge_runtime.run.console import use_colour
 from firmware_bridge.sil.harness.harness import Harness, StartError
 from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.judge.judge import judge
@@ -28,7 +34,7 @@ DESCRIPTION: Final = (
     "Run real robot processes against firmware and a plant, and judge them before any wheel turns."
 )
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
-MOST_ROBOTS: Final = 64
+ROBOTS: Final = whole_number(1, 64)
 STARTS: Final = 3
 EPILOG: Final = """\
 exit codes:
@@ -36,6 +42,7 @@ exit codes:
   1  failed: a limit was broken, or a process died that nobody killed; one line says which
   2  a flag or file does not hold together; one line says what, nothing was started
   3  invalid: the machine was disturbed, the run proves nothing
+  130  interrupted
 
 examples:
   edge-sil                                                4 robots, CAN, 50 Hz, 30 s
@@ -48,10 +55,11 @@ def make_parser() -> CommandParser:
     """The command line."""
     parser = CommandParser("edge-sil", DESCRIPTION, EPILOG)
     add = parser.add_argument
-    add("--robots", type=int, metavar="N", help="how many (default: 4, or the fleet file's)")
+    add("--robots", type=ROBOTS, metavar="N", help="how many (default: 4, or the fleet file's)")
     add("--bridge", choices=("can", "mavlink"), default="can", help="what the robots speak (default: can)")
-    add("--rate", type=float, default=50.0, metavar="HZ", help="control rate (default: 50)")
-    add("--duration", type=float, default=30.0, metavar="S", help="length of the measurement (default: 30)")
+    add("--rate", type=number(*RATE_HZ), default=50.0, metavar="HZ", help="control rate (default: 50)")
+    seconds = number(1.0, 1e6)
+    add("--duration", type=seconds, default=30.0, metavar="S", help="length of the measurement (default: 30)")
     add("--json", type=Path, metavar="FILE", help="write the report there")
     add("--fleet", type=Path, metavar="FILE", help="your team; its robots are moved to ports of this machine")
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
@@ -69,14 +77,8 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
         ConfigError: names the flag and what is allowed.
     """
     flags = make_parser().parse_args(arguments)
-    low, high = RATE_HZ
-    _check("--rate", flags.rate, low, high)
-    _check("--duration", flags.duration, 1.0, 1e6)
-    robots = flags.robots
-    if robots is not None:
-        _check("--robots", robots, 1, MOST_ROBOTS)
     request = Request(
-        robots=robots,
+        robots=flags.robots,
         bridge=flags.bridge,
         rate_hz=flags.rate,
         duration_s=flags.duration,
@@ -104,49 +106,34 @@ def simulate(scenario: Scenario, signals: StopSignals) -> SilReport:
         except StartError as error:
             if start == STARTS - 1:
                 raise
-            print(f"edge-sil: {error}; starting again", file=sys.stderr)
+            complain("edge-sil", f"{error}; starting again")
     raise AssertionError("the last start returns or raises")
 
 
+@command("edge-sil")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-sil``; returns the exit code."""
     with contextlib.ExitStack() as stack:
-        try:
-            request, json = parse(arguments)
-            _check_installed()
-            _check_outputs(request, json)
-            signals = stack.enter_context(StopSignals())  # before the folder: a signal leaves none behind
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="edge-sil-"))
-            scenario = prepare(request, Path(folder))
-            for station in scenario.stations:
-                check_robot(scenario, station)
-        except EdgeError as error:
-            return _complain(error, 2)
-        try:
+        request, json = parse(arguments)
+        _check_installed()
+        _check_outputs(request, json)
+        signals = stack.enter_context(StopSignals())  # before the folder: a signal leaves none behind
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="edge-sil-"))
+        scenario = prepare(request, Path(folder))
+        for station in scenario.stations:
+            check_robot(scenario, station)
+        with begun():
             report = simulate(scenario, signals)
-        except EdgeError as error:
-            return _complain(error, 1)
-    stream = output()
-    print(table(report, colour=use_colour(stream)), file=stream)
-    if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(report)) + b"\n")
+            if json is not None:
+                write_report("--json", json, report)
+    print(table(report, colour=use_colour(sys.stdout)))
     return EXIT_CODES[report.verdict]
-
-
-def _complain(error: EdgeError, code: int) -> int:
-    print(f"edge-sil: {error}", file=sys.stderr)
-    return code
 
 
 def _check_installed() -> None:
     missing = [name for name in ("msgpack", "tomli_w") if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigError(f"{', '.join(missing)} missing; run: pip install 'cfpg-edge[sil]'")
-
-
-def _check(flag: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise ConfigError(f"{flag} must be a number in [{low:g}, {high:g}], got {value:g}")
 
 
 def _check_outputs(request: Request, json: Path | None) -> None:

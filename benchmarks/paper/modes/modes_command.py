@@ -21,7 +21,7 @@ from benchmarks.paper.tables import markdown
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned
 from edge_runtime.common.arrays import Floats
-from edge_runtime.errors import EdgeError
+from edge_runtime.common.command_line import command
 from export.atomic import write_atomic
 from export.scenarios.navigation import FACTS
 
@@ -59,15 +59,12 @@ class MeetingRow(msgspec.Struct, frozen=True, kw_only=True):
     commit: str
 
 
+@command("benchmarks.paper.modes.modes_command")
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns 0, or 2 for what the user can mend."""
+    """Measure, write and draw; returns the exit code."""
     options = _parse(arguments)
     torch.set_num_threads(1)
-    try:
-        rows, drawn = _measure(options)
-    except EdgeError as error:
-        print(f"benchmarks.paper.modes.modes_command: {error}", file=sys.stderr)
-        return 2
+    rows, drawn = _measure(options)
     write_atomic(options.json, msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
     draw_meetings(drawn, options.json.parent / "paper" / "modes.png")
     print(modes_table(rows))

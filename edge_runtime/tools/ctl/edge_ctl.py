@@ -1,19 +1,18 @@
 """edge-ctl: new objectives for a team that drives, its standing, and its stop."""
 
-import argparse
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
-from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser, command, complain
+from edge_runtime.common.flag_types import number
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import read_settings, refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import endpoint
 from edge_runtime.config.objectives import parse_objective_set
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.errors import ConfigError, FailedError
 from edge_runtime.network.order_wire import FILE_BYTES, Standing
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 
@@ -27,13 +26,14 @@ exit codes:
   0  done, by every robot of the fleet
   1  a robot refused or did not answer; each one is named with the reason
   2  a flag or file does not hold together; one line says what, nothing was sent
+  130  interrupted
 
 examples:
   edge-ctl status --fleet team.toml
   edge-ctl objectives slow.toml --fleet team.toml
   edge-ctl stop --fleet team.toml"""
-TIMEOUT_S: Final = (0.1, 8.0)
-"""Least and greatest timeout; robots hold an accepted proposal for 10 s."""
+TIMEOUT: Final = number(0.1, 8.0)
+"""In s; robots hold an accepted proposal for 10 s."""
 LEAD_S: Final = 1.0
 """Time from the commitment to its tick, for lost packets to be repeated."""
 
@@ -46,19 +46,8 @@ def make_parser() -> CommandParser:
     add("file", nargs="?", type=Path, metavar="FILE", help="TOML: [[objectives]] and [guidance]")
     add("--fleet", type=Path, required=True, metavar="FILE", help="the team's fleet file")
     add("--key-file", type=Path, metavar="FILE", help="operator's key; default: the one that the fleet names")
-    add("--timeout", type=_seconds, default=3.0, metavar="S", help="wait for answers this long (default: 3)")
+    add("--timeout", type=TIMEOUT, default=3.0, metavar="S", help="wait for answers this long (default: 3)")
     return parser
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    low, high = TIMEOUT_S
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"must be a number in [{low:g}, {high:g}], got {text!r}")
-    return value
 
 
 def show_status(link: OperatorLink) -> int:
@@ -70,7 +59,7 @@ def show_status(link: OperatorLink) -> int:
         print(f"{robot_id:5}  {_line(standing) if standing else 'no answer'}")
     followed = {(standing.version, standing.digest) for standing in link.standings.values()}
     if len(followed) > 1:
-        print("edge-ctl: the robots follow different objectives", file=sys.stderr)
+        complain("edge-ctl", "the robots follow different objectives")
     return 1 if silent or len(followed) > 1 else 0
 
 
@@ -83,22 +72,22 @@ def _line(standing: Standing) -> str:
 def change_objectives(link: OperatorLink, file: Path, content: bytes) -> int:
     """Have all robots accept the objectives, then commit them to one tick of the team."""
     if silent := link.ask():
-        return _complain("nothing was changed", dict.fromkeys(silent, "does not answer"))
+        _fail("nothing was changed", dict.fromkeys(silent, "does not answer"))
     version = max(standing.version for standing in link.standings.values()) + 1
     try:
         unwilling = link.propose(version, file.name, content)
     except KeyboardInterrupt:
         link.abort()
-        return _complain("interrupted, nothing was changed", {})
+        raise KeyboardInterrupt("interrupted, nothing was changed") from None
     if unwilling:
         causes = {robot: link.standings[robot] for robot in unwilling}
         link.abort()
-        return _complain("nothing was changed", {robot: _cause(causes[robot]) for robot in _blamed(causes)})
+        _fail("nothing was changed", {robot: _cause(causes[robot]) for robot in _blamed(causes)})
     tick = link.tick_in(LEAD_S)
     link.commit(tick)
     if late := link.applied(LEAD_S):
         why = f"has not confirmed version {version}; if it accepted, it follows its teammates"
-        return _complain(f"version {version} holds from tick {tick} on", dict.fromkeys(late, why))
+        _fail(f"version {version} holds from tick {tick} on", dict.fromkeys(late, why))
     print(f"{len(link.standings)} robots follow version {version} from tick {tick} on")
     return 0
 
@@ -116,15 +105,14 @@ def stop_all(link: OperatorLink) -> int:
     """Stop every robot that can be reached."""
     if silent := link.stop():
         stopped = len(link.standings.keys() - set(silent))
-        return _complain(f"{stopped} robots stopped", dict.fromkeys(silent, "does not answer, and may drive"))
+        _fail(f"{stopped} robots stopped", dict.fromkeys(silent, "does not answer, and may drive"))
     print(f"{len(link.standings)} robots stopped")
     return 0
 
 
-def _complain(outcome: str, robots: dict[int, str]) -> int:
+def _fail(outcome: str, robots: dict[int, str]) -> NoReturn:
     causes = "; ".join(f"robot {robot_id} {cause}" for robot_id, cause in sorted(robots.items()))
-    print(f"edge-ctl: {outcome}{': ' if causes else ''}{causes}", file=sys.stderr)
-    return 1
+    raise FailedError(f"{outcome}{': ' if causes else ''}{causes}")
 
 
 def _open(fleet: Fleet, key_file: Path | None, timeout_s: float) -> OperatorLink:
@@ -145,23 +133,22 @@ def _read_objectives(path: Path) -> bytes:
     return content
 
 
+@command("edge-ctl")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-ctl``; returns the exit code."""
+    flags = make_parser().parse_args(arguments)
+    if (flags.action == "objectives") != (flags.file is not None):
+        raise ConfigError("`objectives` needs a FILE, the other actions take none; see edge-ctl --help")
+    content = _read_objectives(flags.file) if flags.file else b""
     try:
-        flags = make_parser().parse_args(arguments)
-        if (flags.action == "objectives") != (flags.file is not None):
-            raise ConfigError("`objectives` needs a FILE, the other actions take none; see edge-ctl --help")
-        content = _read_objectives(flags.file) if flags.file else b""
         with _open(load_fleet(flags.fleet), flags.key_file, flags.timeout) as link:
             if flags.action == "status":
                 return show_status(link)
             return stop_all(link) if flags.action == "stop" else change_objectives(link, flags.file, content)
-    except EdgeError as error:
-        print(f"edge-ctl: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("edge-ctl: interrupted; edge-ctl status shows what the robots follow", file=sys.stderr)
-        return 1
+    except KeyboardInterrupt as interrupt:
+        if interrupt.args:
+            raise
+        raise KeyboardInterrupt("interrupted; edge-ctl status shows what the robots follow") from None
 
 
 if __name__ == "__main__":

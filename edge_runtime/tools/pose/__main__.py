@@ -1,8 +1,6 @@
 """``python -m edge_runtime.tools.pose`` is edge-pose."""
 
-import sys
-
-from edge_runtime.tools.pose.edge_pose import main
+from edge_runtime.commands import edge_pose
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_pose()

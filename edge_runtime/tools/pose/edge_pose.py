@@ -1,19 +1,19 @@
 """edge-pose: publishes the poses that robots ask for."""
 
 import argparse
-import ipaddress
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.common.command_line import CommandParser
+from edge_runtime.common.command_line import CommandParser, command, complain
+from edge_runtime.common.flag_types import ipv4
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import Endpoint, endpoint
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.errors import ConfigError
 from edge_runtime.tools.pose.feeds import NatNetFeed, replay
 from edge_runtime.tools.pose.recording import Sample, read_recording
 from edge_runtime.tools.pose.stream_host import StreamHost
@@ -39,19 +39,12 @@ def make_parser() -> CommandParser:
     add("--key-file", type=Path, metavar="FILE", help="the team's key; default: the one that the fleet names")
     add("--listen", metavar="ADDRESS", help="which of the fleet's streams this is, if it names several")
     feed = parser.add_mutually_exclusive_group(required=True)
-    feed.add_argument("--natnet", type=_address, metavar="IP", help="machine that runs Motive")
+    feed.add_argument("--natnet", type=ipv4, metavar="IP", help="machine that runs Motive")
     feed.add_argument(
         "--replay", type=Path, metavar="FILE", help="JSON lines or .csv: t, robot, x, y, heading[, vx, vy]"
     )
     add("--up", choices=("y", "z"), default="y", help="axis that Motive streams as up (default: y)")
     return parser
-
-
-def _address(text: str) -> str:
-    try:
-        return str(ipaddress.IPv4Address(text))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be an IPv4 address, got {text!r}") from None
 
 
 def _place(fleet: Fleet, listen: str | None) -> Endpoint:
@@ -99,18 +92,15 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
         with NatNetFeed(flags.natnet, bodies, flags.up) as feed:
             feed.publish(host, ending)
             if feed.refused:
-                print(f"edge-pose: {feed.refused} packets were not NatNet", file=sys.stderr)
+                complain("edge-pose", f"{feed.refused} packets were not NatNet")
 
 
+@command("edge-pose")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-pose``; returns the exit code."""
-    try:
-        flags = make_parser().parse_args(arguments)
-        with StopSignals() as signals:
-            _serve(flags, lambda: signals.reason)
-    except EdgeError as error:
-        print(f"edge-pose: {error}", file=sys.stderr)
-        return 2
+    flags = make_parser().parse_args(arguments)
+    with StopSignals() as signals:
+        _serve(flags, lambda: signals.reason)
     return 0
 
 

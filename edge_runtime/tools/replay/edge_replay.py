@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.common.command_line import CommandParser, need
+from edge_runtime.common.command_line import CommandParser, command, need
 from edge_runtime.config.objectives import load_objective_set
-from edge_runtime.errors import BundleError, ConfigError, EdgeError
+from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
 from edge_runtime.recording.reader import Damage, read_log
@@ -27,6 +27,7 @@ exit codes:
   0  every tick came out as it was; or the question was answered
   1  a tick came out otherwise; or a log breaks off or is damaged: what was read is judged, a line says where
   2  a flag, log or bundle does not hold together; one line says what
+  130  interrupted
 
 examples:
   edge-replay run_000.mcap
@@ -69,22 +70,19 @@ class Verdict:
     answer: Answer | None = None
 
 
+@command("edge-replay")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-replay``; returns the exit code."""
-    try:
-        flags = make_parser().parse_args(arguments)
-        instead = load_objective_set(flags.objectives) if flags.objectives else None
-        asked = load_bundle(flags.policy) if flags.policy else None
+    flags = make_parser().parse_args(arguments)
+    instead = load_objective_set(flags.objectives) if flags.objectives else None
+    asked = load_bundle(flags.policy) if flags.policy else None
+    if flags.picture:
+        _check_picture(flags)
+    verdicts = [_replay(path, asked, instead) for path in flags.logs]
+    for verdict in verdicts:
+        print(_text(verdict, flags))
         if flags.picture:
-            _check_picture(flags)
-        verdicts = [_replay(path, asked, instead) for path in flags.logs]
-        for verdict in verdicts:
-            print(_text(verdict, flags))
-            if flags.picture:
-                _draw(verdict, flags)
-    except EdgeError as error:
-        print(f"edge-replay: {error}", file=sys.stderr)
-        return 2
+            _draw(verdict, flags)
     return 1 if any(verdict.differing or verdict.damage for verdict in verdicts) else 0
 
 

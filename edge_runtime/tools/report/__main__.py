@@ -1,8 +1,6 @@
 """``python -m edge_runtime.tools.report`` is edge-report."""
 
-import sys
-
-from edge_runtime.tools.report.edge_report import main
+from edge_runtime.commands import edge_report
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_report()

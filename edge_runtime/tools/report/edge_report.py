@@ -10,8 +10,8 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.command_line import CommandParser, need
-from edge_runtime.errors import ConfigError, EdgeError
+from edge_runtime.common.command_line import CommandParser, command, complain, need
+from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import Record, Start
 from edge_runtime.tools.report.digest import RunDigest, digest
@@ -30,6 +30,7 @@ exit codes:
   0  the page is written
   1  the page is written, but a log breaks off or is damaged; the page and one line say where
   2  a flag or file does not hold together; one line says what, nothing was written
+  130  interrupted
 
 examples:
   edge-report ~/.local/state/cfpg-edge/logs/*.mcap -o report.html
@@ -113,25 +114,22 @@ def sil_page(path: Path) -> Page:
     return page
 
 
+@command("edge-report")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-report``; returns the exit code."""
     no_notes: tuple[str, ...] = ()
-    try:
-        flags = make_parser().parse_args(arguments)
-        need("matplotlib", "report")
-        if flags.output in flags.logs:
-            raise ConfigError(f"-o {flags.output}: is one of the logs")
-        check_writable(flags.output)
-        if len(flags.logs) == 1 and flags.logs[0].suffix == ".json":
-            page, notes = sil_page(flags.logs[0]), no_notes
-        else:
-            page, notes = log_page(flags.logs)
-        write_page(page, flags.output)
-    except EdgeError as error:
-        print(f"edge-report: {error}", file=sys.stderr)
-        return 2
+    flags = make_parser().parse_args(arguments)
+    need("matplotlib", "report")
+    if flags.output in flags.logs:
+        raise ConfigError(f"-o {flags.output}: is one of the logs")
+    check_writable(flags.output)
+    if len(flags.logs) == 1 and flags.logs[0].suffix == ".json":
+        page, notes = sil_page(flags.logs[0]), no_notes
+    else:
+        page, notes = log_page(flags.logs)
+    write_page(page, flags.output)
     for note in notes:
-        print(f"edge-report: {note}", file=sys.stderr)
+        complain("edge-report", note)
     print(f"{flags.output}: {flags.output.stat().st_size / 1e3:.0f} kB")
     return 1 if notes else 0
 

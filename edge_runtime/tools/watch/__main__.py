@@ -1,8 +1,6 @@
 """``python -m edge_runtime.tools.watch`` is edge-watch."""
 
-import sys
-
-from edge_runtime.tools.watch.edge_watch import main
+from edge_runtime.commands import edge_watch
 
 if __name__ == "__main__":
-    sys.exit(main())
+    edge_watch()

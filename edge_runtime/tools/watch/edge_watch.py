@@ -1,6 +1,7 @@
 """edge-watch: the whole team in a terminal, in a process of its own."""
 
 import argparse
+import contextlib
 import importlib
 import os
 import select
@@ -11,13 +12,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.common.command_line import CommandParser, need
+from edge_runtime.common.command_line import CommandParser, command, need
 from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import endpoint
-from edge_runtime.errors import EdgeError
 from edge_runtime.tools.watch import plain
 from edge_runtime.tools.watch.team import WatchedTeam, arrived, listen
 
@@ -102,34 +102,28 @@ def _receive(team: WatchedTeam, opened: socket.socket, until_s: float) -> None:
         team.take(packet)
 
 
+@command("edge-watch")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-watch``; returns the exit code."""
-    try:
-        flags = make_parser().parse_args(arguments)
-        fleet = load_fleet(flags.fleet)
-        on_screen = not flags.once and _draws()
-        if on_screen:
-            need("rich", "watch")
-        team, opened = open_watch(fleet, flags.key_file)
-    except EdgeError as error:
-        print(f"edge-watch: {error}", file=sys.stderr)
-        return 2
+    flags = make_parser().parse_args(arguments)
+    fleet = load_fleet(flags.fleet)
+    on_screen = not flags.once and _draws()
+    if on_screen:
+        need("rich", "watch")
+    team, opened = open_watch(fleet, flags.key_file)
     with opened, StopSignals() as signals:
 
         def ended() -> bool:
             return bool(signals.reason)
 
-        try:
-            if flags.once:
-                return 0 if print_once(team, opened, ended) else 1
-            if on_screen:
-                screen = importlib.import_module("edge_runtime.tools.watch.screen")  # needs rich
-                screen.watch_on_screen(team, opened, fleet.path.name, ended)
-            else:
+        if flags.once:
+            return 0 if print_once(team, opened, ended) else 1
+        if on_screen:
+            screen = importlib.import_module("edge_runtime.tools.watch.screen")  # needs rich
+            screen.watch_on_screen(team, opened, fleet.path.name, ended)
+        else:
+            with contextlib.suppress(BrokenPipeError):  # an end like any other
                 print_lines(team, opened, ended)
-        except BrokenPipeError:
-            # What is still buffered must not fail again when the interpreter exits.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -107,9 +107,7 @@ def test_bad_flags_are_one_line_and_exit_code_2(capsys, flags, said):
 
 @pytest.mark.parametrize("bridge", BRIDGES)
 def test_the_help_is_that_of_edge_run_under_its_own_name(bridge, capsys):
-    with pytest.raises(SystemExit) as left:
-        doctor.main(["--bridge", bridge, "--help"])
-    assert left.value.code == 0
+    assert doctor.main(["--bridge", bridge, "--help"]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("usage: edge-doctor ")
     assert "--no-guidance" in shown
@@ -146,5 +144,5 @@ def test_an_interrupted_visit_is_not_a_clean_bill(monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(doctor, "show", interrupt)
-    assert doctor.main(["--robot-id", "0"]) == 1
+    assert doctor.main(["--robot-id", "0"]) == 130
     assert "not everything was checked" in capsys.readouterr().err

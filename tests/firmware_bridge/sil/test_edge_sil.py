@@ -308,11 +308,11 @@ def test_a_team_of_one(tmp_path):
 @pytest.mark.parametrize(
     "flags, complaint",
     [
-        (["--robots", "0"], "--robots must be a number in [1, 64], got 0"),
-        (["--rate", "nan"], "--rate must be a number in [1, 1000], got nan"),
+        (["--robots", "0"], "--robots: must be a whole number in [1, 64], got '0'"),
+        (["--rate", "nan"], "--rate: must be a number in [1, 1000], got 'nan'"),
         (["--rate", "2"], "a control rate of 2 Hz is too slow"),
         (["--bridge", "pigeon"], "invalid choice: 'pigeon'"),
-        (["--duration", "0"], "--duration must be a number in [1, 1e+06], got 0"),
+        (["--duration", "0"], "--duration: must be a number in [1, 1e+06], got '0'"),
         (["--fleet", "/no/team.toml"], "/no/team.toml: cannot be read"),
         (["--limits", "/no/limits.toml"], "/no/limits.toml: cannot be read"),
         (["--faults", "/no/faults.toml"], "/no/faults.toml: cannot be read"),
