@@ -14,11 +14,11 @@ from pymavlink.dialects.v20 import common
 from edge_runtime.common.key_file import read_key
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle
-from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import profile_path
-from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.link import CommandLimits
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import PROFILES
@@ -36,7 +36,7 @@ PERIOD_S = 0.02
 """Of the commands."""
 DEADLINE_S = 3 * PERIOD_S
 SPEED_M_S = 0.5
-LIMITS = Limits(1.5, 1.0)
+LIMITS = CommandLimits(1.5, 1.0)
 CRUISING_SHARE = 0.95
 SLOWEST_M_S = 1e-3
 """Slower counts as standing."""
@@ -138,7 +138,7 @@ class CanRobot(Robot):
 
     def spec(self) -> GuardSpec:
         """Return what a guard of this chassis is started with."""
-        options = msgspec.json.encode(CanOptions(self._address, str(profile_path(PROFILE)), Pose()))
+        options = msgspec.json.encode(CanOptions(self._address, str(profile_path(PROFILE)), PlanarPose()))
         return GuardSpec("can", 0, DEADLINE_S, LIMITS, msgspec.Raw(options), arm=True)
 
     def drives(self, heard: Heard) -> bool:

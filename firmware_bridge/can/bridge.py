@@ -9,11 +9,11 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.codec import CanCodec
-from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import Profile, load_profile, profile_path
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.link import CommandLimits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 
 
@@ -24,7 +24,7 @@ class CanFlags(msgspec.Struct, frozen=True):
     profile: str
     guard: GuardFlags
     max_speed_m_s: float | None = None
-    pose: Pose = Pose()
+    pose: PlanarPose = PlanarPose()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def options_from(arguments: argparse.Namespace) -> CanFlags:
     """Return this bridge's flags that were parsed."""
     return CanFlags(
-        arguments.bus, arguments.profile, flags_from(arguments), arguments.max_speed, Pose(*arguments.pose)
+        arguments.bus,
+        arguments.profile,
+        flags_from(arguments),
+        arguments.max_speed,
+        PlanarPose(*arguments.pose),
     )
 
 
@@ -74,7 +78,7 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
         link="can",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=Limits(_speed_limit(profile, options), _action_limit(manifest)),
+        limits=CommandLimits(_speed_limit(profile, options), _action_limit(manifest)),
         options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,

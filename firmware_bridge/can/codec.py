@@ -11,7 +11,7 @@ from firmware_bridge.can.e2e import Protection, counter_of, protect
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.profile import Gains, Profile, Step
 from firmware_bridge.can.vocabulary import read_vocabulary
-from firmware_bridge.kinematics.base import Motion
+from firmware_bridge.kinematics.base import BaseMotion
 
 
 class Decoded(NamedTuple):
@@ -36,14 +36,14 @@ class CanCodec:
         self._layouts, self._identifiers, self._feedback = read_vocabulary(profile, path)
         self._counters: dict[str, int] = {}
 
-    def encode(self, motion: Motion) -> tuple[Frame, ...]:
+    def encode(self, motion: BaseMotion) -> tuple[Frame, ...]:
         """Return the command frames of one motion; values beyond a signal saturate before they are scaled."""
         return tuple(
             self._frame(name, {signal: _weighted(gains, motion) for signal, gains in signals.items()})
             for name, signals in self._profile.motion.items()
         )
 
-    def rehearse(self, motion: Motion) -> None:
+    def rehearse(self, motion: BaseMotion) -> None:
         """Encode a motion and forget it: the next frame's counter does not advance."""
         counters = self._counters.copy()
         self.encode(motion)
@@ -101,7 +101,7 @@ class CanCodec:
         return True
 
 
-def _weighted(gains: Gains, motion: Motion) -> float:
+def _weighted(gains: Gains, motion: BaseMotion) -> float:
     return (
         gains.forward * motion.forward_m_s
         + gains.lateral * motion.lateral_m_s

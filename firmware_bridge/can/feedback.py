@@ -8,11 +8,11 @@ from edge_runtime.messages import RobotState
 from firmware_bridge.can.codec import Decoded
 from firmware_bridge.can.profile import Feedback, MotionSignals, Rule
 from firmware_bridge.guard.link import Condition, Health
-from firmware_bridge.kinematics.base import Base, Motion, yaw_from_steering
+from firmware_bridge.kinematics.base import Base, BaseMotion, yaw_from_steering
 from firmware_bridge.kinematics.frames import rotate, wrap
 
 
-class Pose(msgspec.Struct, frozen=True, gc=False):
+class PlanarPose(msgspec.Struct, frozen=True, gc=False):
     """Where the base's axle is in the team's frame."""
 
     x_m: float = 0.0
@@ -68,12 +68,12 @@ class FeedbackRules:
                 return Health(Condition.WAITING, f"the firmware does not take commands ({self._said(rule)})")
         return Health(Condition.READY)
 
-    def motion(self, signals: MotionSignals, base: Base) -> Motion:
+    def motion(self, signals: MotionSignals, base: Base) -> BaseMotion:
         """Return the measured motion; signals not yet received count as zero."""
         forward = self._sum(signals.forward)
         steering = self._sum(signals.steering)
         yaw = yaw_from_steering(forward, steering, base) if signals.steering else self._sum(signals.yaw)
-        return Motion(forward, self._sum(signals.lateral), yaw, steering)
+        return BaseMotion(forward, self._sum(signals.lateral), yaw, steering)
 
     def _first(self, rules: tuple[Rule, ...]) -> Rule | None:
         values = self._values
@@ -89,13 +89,13 @@ class FeedbackRules:
 class DeadReckoning:
     """Integrates measured motion to a pose; the reference point is what the team sees."""
 
-    def __init__(self, robot_id: int, pose: Pose, base: Base) -> None:
+    def __init__(self, robot_id: int, pose: PlanarPose, base: Base) -> None:
         self.pose = pose
         self._robot_id = robot_id
         self._ahead_m = base.reference_m
         self._stamp_s = math.nan
 
-    def advance(self, motion: Motion, now_s: float) -> RobotState:
+    def advance(self, motion: BaseMotion, now_s: float) -> RobotState:
         """Take a measurement in and return the state at it (midpoint rule)."""
         passed_s = 0.0 if math.isnan(self._stamp_s) else now_s - self._stamp_s
         self._stamp_s = now_s
@@ -103,10 +103,10 @@ class DeadReckoning:
         middle = self.pose.heading_rad + turned / 2
         step_x, step_y = rotate((motion.forward_m_s * passed_s, motion.lateral_m_s * passed_s), middle)
         heading = wrap(self.pose.heading_rad + turned)
-        self.pose = Pose(self.pose.x_m + step_x, self.pose.y_m + step_y, heading)
+        self.pose = PlanarPose(self.pose.x_m + step_x, self.pose.y_m + step_y, heading)
         return self._state(motion)
 
-    def _state(self, motion: Motion) -> RobotState:
+    def _state(self, motion: BaseMotion) -> RobotState:
         pose, ahead = self.pose, self._ahead_m
         offset_x, offset_y = rotate((ahead, 0.0), pose.heading_rad)
         body_velocity = (motion.forward_m_s, motion.lateral_m_s + ahead * motion.yaw_rad_s)

@@ -10,16 +10,16 @@ from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from firmware_bridge.can.bus import CanBus
 from firmware_bridge.can.codec import CanCodec
-from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, Pose
+from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, PlanarPose
 from firmware_bridge.can.frame import Frame, Transport
 from firmware_bridge.can.limo import LimoPort
 from firmware_bridge.can.odrive import watchdog_timeout_s
 from firmware_bridge.can.profile import Profile, load_profile
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.kinematics.base import Motion, motion_for
+from firmware_bridge.kinematics.base import BaseMotion, motion_for
 
-STANDSTILL = Motion()
+STANDSTILL = BaseMotion()
 STOP_TRIES = 50
 """How often a frame of the stop sequence is offered to a full transmit queue, once a period."""
 
@@ -30,7 +30,7 @@ class CanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bus: str
     profile: str
     """Path of the profile's TOML file."""
-    pose: Pose
+    pose: PlanarPose
 
 
 class CanLink:
@@ -148,10 +148,10 @@ class CanLink:
             yield from self._insist((self._codec.encode_step(step),))
             yield step.pause_s
 
-    def _motion(self, setpoint: Setpoint) -> Motion:
+    def _motion(self, setpoint: Setpoint) -> BaseMotion:
         return motion_for(setpoint.velocity_m_s, self._robot.pose.heading_rad, self._profile.base)
 
-    def _ramp(self) -> list[Motion]:
+    def _ramp(self) -> list[BaseMotion]:
         """The motions from the last sent one down to, but without, standstill."""
         deceleration, sent = self._profile.stop.deceleration_m_s2, self._sent
         speed = math.hypot(sent.forward_m_s, sent.lateral_m_s)
@@ -160,7 +160,7 @@ class CanLink:
         loss = deceleration * self._profile.period_s / speed
         return [sent.scaled(1.0 - step * loss) for step in range(1, math.ceil(1.0 / loss))]
 
-    def _command(self, motion: Motion) -> None:
+    def _command(self, motion: BaseMotion) -> None:
         self._sent = motion
         for frame in self._codec.encode(motion):
             self._offer(frame)

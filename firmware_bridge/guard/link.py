@@ -13,7 +13,10 @@ Steps = Iterator[float]
 
 
 class Setpoint(msgspec.Struct, frozen=True, gc=False):
-    """One command as it crosses the socket, already known to be finite, fresh and within limits."""
+    """One command as it crosses the socket.
+
+    A link is handed only those that the guard has found finite, fresh and within limits.
+    """
 
     sequence: int
     stamp_s: float
@@ -45,7 +48,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     detail: str = ""
 
 
-class Limits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
+class CommandLimits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """What the guard lets through; anything outside stops the robot."""
 
     speed_m_s: float

@@ -13,7 +13,7 @@ SIDEWAYS_TOLERANCE_M_S = 0.01
 """Sideways velocity that a base with ``sideways = "refuse"`` ignores."""
 
 
-class Motion(msgspec.Struct, frozen=True, gc=False):
+class BaseMotion(msgspec.Struct, frozen=True, gc=False):
     """A base's motion in its body frame, x forward, y left, counter-clockwise positive."""
 
     forward_m_s: float = 0.0
@@ -21,9 +21,9 @@ class Motion(msgspec.Struct, frozen=True, gc=False):
     yaw_rad_s: float = 0.0
     steering_rad: float = 0.0
 
-    def scaled(self, factor: float) -> "Motion":
+    def scaled(self, factor: float) -> "BaseMotion":
         """Slow down along the same curve: the steering angle stays."""
-        return Motion(
+        return BaseMotion(
             self.forward_m_s * factor, self.lateral_m_s * factor, self.yaw_rad_s * factor, self.steering_rad
         )
 
@@ -56,7 +56,7 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return 0.0 if slips or self.sideways == "refuse" else self.lookahead_m
 
 
-def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> Motion:
+def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> BaseMotion:
     """Return the motion that gives the base's reference point this velocity in the team's frame.
 
     A yaw rate beyond the base's shortens the whole motion, which keeps its curve.
@@ -66,16 +66,16 @@ def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> Motion:
     """
     forward, left = rotate(velocity_m_s, -heading_rad)
     if base.kind == "omnidirectional":
-        return Motion(forward, left)
+        return BaseMotion(forward, left)
     if base.sideways == "refuse":
         if abs(left) > SIDEWAYS_TOLERANCE_M_S:
             raise BridgeError(
                 f"this {base.kind} base cannot move sideways at {left:.2f} m/s: "
                 "set base.sideways = 'lookahead' in the profile"
             )
-        return Motion(forward)
+        return BaseMotion(forward)
     yaw = left / base.lookahead_m
-    motion = Motion(forward, 0.0, yaw)
+    motion = BaseMotion(forward, 0.0, yaw)
     if abs(yaw) > base.max_yaw_rad_s:
         motion = motion.scaled(base.max_yaw_rad_s / abs(yaw))
     return motion if base.kind == "differential" else _steered(motion, base)
@@ -86,11 +86,11 @@ def yaw_from_steering(forward_m_s: float, steering_rad: float, base: Base) -> fl
     return forward_m_s * math.tan(steering_rad) / base.wheelbase_m
 
 
-def _steered(motion: Motion, base: Base) -> Motion:
+def _steered(motion: BaseMotion, base: Base) -> BaseMotion:
     """Replace the yaw rate by the steering angle nearest to it; standing wheels turn, the base does not."""
     forward, limit = motion.forward_m_s, base.max_steering_rad
     if forward == 0.0:
         steering = math.copysign(limit, motion.yaw_rad_s) if motion.yaw_rad_s else 0.0
     else:
         steering = min(max(math.atan(base.wheelbase_m * motion.yaw_rad_s / forward), -limit), limit)
-    return Motion(forward, 0.0, yaw_from_steering(forward, steering, base), steering)
+    return BaseMotion(forward, 0.0, yaw_from_steering(forward, steering, base), steering)

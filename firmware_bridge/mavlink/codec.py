@@ -28,7 +28,7 @@ from firmware_bridge.mavlink.messages import (
     Target,
     TimeSync,
 )
-from firmware_bridge.mavlink.signing import SIGNATURE_BYTES, SIGNED_FLAG, Signing, Verdict
+from firmware_bridge.mavlink.signing import SIGNATURE_BYTES, SIGNED_FLAG, SignatureCheck, Signing
 
 MAGIC = 0xFD
 HEADER_BYTES = 10
@@ -55,7 +55,7 @@ class Tally:
         """Messages outside the ``common`` dialect: their checksum cannot be computed."""
         self.unusable = 0
         """Authentic, but not finite, or in axes that say nothing about north."""
-        self.refused = {Verdict.UNSIGNED: 0, Verdict.ALTERED: 0, Verdict.REPLAYED: 0}
+        self.refused = {SignatureCheck.UNSIGNED: 0, SignatureCheck.ALTERED: 0, SignatureCheck.REPLAYED: 0}
 
 
 class Decoder:
@@ -105,8 +105,8 @@ class Decoder:
         if isinstance(message, common.MAVLink_unknown):
             self.tally.unknown += 1
             return None
-        verdict = Verdict.ACCEPTED if self._signing is None else self._signing.verify(frame)
-        if verdict is not Verdict.ACCEPTED:
+        verdict = SignatureCheck.ACCEPTED if self._signing is None else self._signing.verify(frame)
+        if verdict is not SignatureCheck.ACCEPTED:
             self.tally.refused[verdict] += 1
             return None
         self.tally.accepted += 1

@@ -8,7 +8,7 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard.link import Condition, Health, Limits, Link, Setpoint, Steps
+from firmware_bridge.guard.link import CommandLimits, Condition, Health, Link, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink.channel import Channel
@@ -29,7 +29,7 @@ from firmware_bridge.mavlink.messages import (
     TimeSync,
 )
 from firmware_bridge.mavlink.options import MavlinkOptions
-from firmware_bridge.mavlink.profiles import Motion, find_profile
+from firmware_bridge.mavlink.profiles import SetpointKind, find_profile
 from firmware_bridge.mavlink.setpoint import Follower
 from firmware_bridge.mavlink.vehicle import Vehicle
 
@@ -64,7 +64,7 @@ class MavlinkLink:
         self,
         options: MavlinkOptions,
         robot_id: int,
-        limits: Limits,
+        limits: CommandLimits,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.firmware_timeout_s: float | None = None
@@ -75,7 +75,7 @@ class MavlinkLink:
         self._vehicle = Vehicle(self._profile)
         self._clock = Clock()
         wheels = _wheels(options.point_ahead_m)
-        ahead_m = wheels.reference_m if self._profile.motion is Motion.FORWARD_AND_YAW_RATE else 0.0
+        ahead_m = wheels.reference_m if self._profile.motion is SetpointKind.FORWARD_AND_YAW_RATE else 0.0
         self._estimate = Estimate(robot_id, self._clock, options.origin_m, ahead_m)
         self._follower = Follower(self._profile.motion, options.dynamics, limits, wheels)
         self._engagement = Engagement(self._profile, self._channel, self._vehicle, self._follower, clock)

@@ -20,7 +20,7 @@ ACCELERATION_ONLY = 0xC3F
 """Position, velocity, yaw and yaw rate ignored."""
 
 
-class Motion(enum.Enum):
+class SetpointKind(enum.Enum):
     """What the autopilot follows."""
 
     FORWARD_AND_YAW_RATE = "forward speed and yaw rate"
@@ -43,7 +43,7 @@ class Profile(msgspec.Struct, frozen=True):
     """One kind of autopilot."""
 
     name: str
-    motion: Motion
+    motion: SetpointKind
     command_mode: Mode
     stop_mode: Mode
     timeout_parameter: str
@@ -57,14 +57,14 @@ PROFILES = {
     for profile in (
         Profile(
             name="ardupilot_rover",
-            motion=Motion.FORWARD_AND_YAW_RATE,
+            motion=SetpointKind.FORWARD_AND_YAW_RATE,
             command_mode=Mode("GUIDED", 15, 0, 15),
             stop_mode=Mode("HOLD", 4, 0, 4),
             timeout_parameter="GUID_TIMEOUT",
         ),
         Profile(
             name="ardupilot_copter",
-            motion=Motion.ACCELERATION,
+            motion=SetpointKind.ACCELERATION,
             command_mode=Mode("GUIDED", 4, 0, 4),
             # Not LOITER: it descends when the sticks of an absent pilot rest at zero throttle.
             stop_mode=Mode("BRAKE", 17, 0, 17),
@@ -72,7 +72,7 @@ PROFILES = {
         ),
         Profile(
             name="px4",
-            motion=Motion.VELOCITY,
+            motion=SetpointKind.VELOCITY,
             command_mode=Mode("OFFBOARD", 6, 0, 6 << 16),
             stop_mode=Mode("HOLD", 4, 3, 4 << 16 | 3 << 24),
             timeout_parameter="COM_OF_LOSS_T",

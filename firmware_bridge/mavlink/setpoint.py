@@ -4,7 +4,7 @@ import math
 
 from edge_runtime.messages import RobotState, Vector2
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard.link import Limits, Setpoint
+from firmware_bridge.guard.link import CommandLimits, Setpoint
 from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
 from firmware_bridge.mavlink.messages import Target
@@ -14,7 +14,7 @@ from firmware_bridge.mavlink.profiles import (
     LOCAL_NED,
     VELOCITY_AND_YAW_RATE,
     VELOCITY_ONLY,
-    Motion,
+    SetpointKind,
 )
 
 LEAK_PER_S = 0.5
@@ -33,7 +33,7 @@ class Follower:
         wheels: how forward speed and yaw rate follow from a velocity; only for autopilots that follow those.
     """
 
-    def __init__(self, motion: Motion, dynamics: Dynamics, limits: Limits, wheels: Base) -> None:
+    def __init__(self, motion: SetpointKind, dynamics: Dynamics, limits: CommandLimits, wheels: Base) -> None:
         self._motion = motion
         self._dynamics = dynamics
         self._limits = limits
@@ -45,7 +45,7 @@ class Follower:
     def hold(self) -> Target:
         """Return the setpoint that brings the robot to rest, and forget the integrated velocity."""
         self._velocity = _AT_REST
-        if self._motion is Motion.FORWARD_AND_YAW_RATE:
+        if self._motion is SetpointKind.FORWARD_AND_YAW_RATE:
             return Target(BODY_NED, VELOCITY_AND_YAW_RATE)
         return Target(LOCAL_NED, VELOCITY_ONLY)
 
@@ -57,10 +57,10 @@ class Follower:
         """
         if setpoint.action == _AT_REST and setpoint.velocity_m_s == _AT_REST:
             return self.hold()
-        if self._motion is Motion.ACCELERATION:
+        if self._motion is SetpointKind.ACCELERATION:
             return self._accelerate(setpoint.action, state.velocity_m_s)
         velocity = self._integrate(setpoint.action, state.velocity_m_s)
-        if self._motion is Motion.VELOCITY:
+        if self._motion is SetpointKind.VELOCITY:
             return Target(LOCAL_NED, VELOCITY_ONLY, velocity_m_s=swap_enu_ned(velocity))
         motion = motion_for(velocity, state.heading_rad, self._wheels)
         forward = (motion.forward_m_s, 0.0)

@@ -27,7 +27,7 @@ _EPOCH_2015_S = 1_420_070_400
 _LARGEST_TICK = 2**48 - 1
 
 
-class Verdict(enum.Enum):
+class SignatureCheck(enum.Enum):
     """What is to be done with a received frame."""
 
     ACCEPTED = enum.auto()
@@ -135,16 +135,16 @@ class Signing:
         signed = frame + b"\0" + tick.to_bytes(6, "little")
         return signed + hashlib.sha256(self.key + signed).digest()[:6]
 
-    def verify(self, frame: bytes) -> Verdict:
+    def verify(self, frame: bytes) -> SignatureCheck:
         """Judge a whole MAVLink 2 frame; only an accepted one leaves a trace."""
         if not frame[2] & SIGNED_FLAG:
-            return Verdict.UNSIGNED
+            return SignatureCheck.UNSIGNED
         if not hmac.compare_digest(hashlib.sha256(self.key + frame[:-6]).digest()[:6], frame[-6:]):
-            return Verdict.ALTERED
+            return SignatureCheck.ALTERED
         stream = (frame[-SIGNATURE_BYTES], frame[5], frame[6])
         tick = int.from_bytes(frame[-12:-6], "little")
         if tick <= self._newest.get(stream, self._floor):
-            return Verdict.REPLAYED
+            return SignatureCheck.REPLAYED
         self._newest[stream] = tick
         self.timestamps.raise_to(tick)
-        return Verdict.ACCEPTED
+        return SignatureCheck.ACCEPTED

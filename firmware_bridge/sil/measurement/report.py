@@ -6,7 +6,7 @@ import msgspec
 
 from edge_runtime.control.rate import Percentiles
 
-Verdict = Literal["passed", "failed", "invalid"]
+RunVerdict = Literal["passed", "failed", "invalid"]
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,9 +131,9 @@ class SilReport(msgspec.Struct, frozen=True, kw_only=True):
     machine: MachineQuality
     faults: tuple[FaultDone, ...]
     ended: tuple[str, ...]
-    """Processes that ended though nobody asked them to, with their last words."""
+    """Processes that ended though nobody asked them to, with the last line that each wrote."""
     broken: tuple[str, ...]
     """Limits that were not kept."""
     disturbed: tuple[str, ...]
     """Why the machine was not quiet enough for the run to prove anything."""
-    verdict: Verdict
+    verdict: RunVerdict

@@ -51,17 +51,17 @@ class MachineLimits(_Positive, frozen=True, forbid_unknown_fields=True):
     """Processor time that processes other than the run's took, and that the hypervisor stole, in cores."""
 
 
-class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LimitsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A limits file."""
 
     run: RunLimits = RunLimits()
     machine: MachineLimits = MachineLimits()
 
 
-def load_limits(path: Path = DEFAULT_LIMITS) -> Limits:
+def load_limits(path: Path = DEFAULT_LIMITS) -> LimitsFile:
     """Read a limits file: ``[run]`` and ``[machine]``.
 
     Raises:
         ConfigError: names the file, the key and what is allowed.
     """
-    return to_record(read_toml(path), Limits, path)
+    return to_record(read_toml(path), LimitsFile, path)

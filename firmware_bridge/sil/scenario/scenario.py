@@ -18,7 +18,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
-from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, load_limits
+from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, LimitsFile, load_limits
 from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network, multicast_bus
 from firmware_bridge.sil.scenario.team_file import (
     generated_team,
@@ -77,7 +77,7 @@ class Scenario:
     tunnels: tuple[Tunnel, ...]
     """On Zenoh, those between all pairs of robots where the network has faults."""
     faults: tuple[AnyFault, ...]
-    limits: Limits
+    limits: LimitsFile
     folder: Path
     """For everything that the run writes and nobody keeps."""
 

@@ -21,12 +21,12 @@ from edge_runtime.messages import Command
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import ActionField, Body, Manifest
 from firmware_bridge.can.bridge import add_arguments, make_spec, options_from
-from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.limo import FrameReader, frame_bytes
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import Limits
+from firmware_bridge.guard.link import CommandLimits
 
 ACTION = (ActionField("x", "N", -1.0, 1.0), ActionField("y", "N", -2.0, 0.5))
 MANIFEST = Manifest(
@@ -58,11 +58,11 @@ def specification(*flags, rate_hz=20.0):
 def test_flags_become_a_specification():
     spec = specification("--arm", "--pose", "1", "-2", "0.5", "--max-speed", "0.8", "--guard-deadline", "0.2")
     assert (spec.link, spec.robot_id, spec.arm, spec.deadline_s) == ("can", 2, True, 0.2)
-    assert spec.limits == Limits(0.8, 2.0)
+    assert spec.limits == CommandLimits(0.8, 2.0)
     options = msgspec.json.decode(spec.options, type=CanOptions)
     assert options.bus == "can0"
     assert options.profile.endswith("agilex_v2.toml")
-    assert options.pose == Pose(1.0, -2.0, 0.5)
+    assert options.pose == PlanarPose(1.0, -2.0, 0.5)
 
 
 def test_defaults_are_careful():
@@ -130,7 +130,7 @@ def test_two_mock_odrives_drive_and_stop():
     thread = threading.Thread(target=lambda: asyncio.run(play(ending)))
     thread.start()
     profile = patient_profile("odrive_cansimple")
-    spec = patient_spec(address, profile, limits=Limits(1.0, 1.0), allow_unsafe_firmware_timeout=True)
+    spec = patient_spec(address, profile, limits=CommandLimits(1.0, 1.0), allow_unsafe_firmware_timeout=True)
     try:
         with GuardedBridge(spec) as bridge:
             drive(bridge, (0.3, 0.0), lambda state: state.velocity_m_s[0] > 0.29)
@@ -185,7 +185,7 @@ class Limo:
 def test_a_limo_drives_sideways_over_its_serial_port():
     with Limo() as limo:
         profile = patient_profile("agilex_limo")
-        with GuardedBridge(patient_spec(limo.port, profile, limits=Limits(1.0, 1.0))) as bridge:
+        with GuardedBridge(patient_spec(limo.port, profile, limits=CommandLimits(1.0, 1.0))) as bridge:
             drive(bridge, (0.0, 0.25), lambda state: state.position_m[1] > 0.01)
             assert bridge.read().velocity_m_s == pytest.approx((0.0, 0.25))
         until(lambda: limo.frames[-1] == Frame(0x421, bytes(8)))

@@ -11,7 +11,7 @@ from edge_runtime.errors import ConfigError
 from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.profile import PROFILES, load_profile, profile_path
-from firmware_bridge.kinematics.base import Motion
+from firmware_bridge.kinematics.base import BaseMotion
 
 NAMES = sorted(path.stem for path in PROFILES.glob("*.toml"))
 
@@ -47,8 +47,8 @@ class TestPublishedFrames:
     def test_agilex_motion(self):
         # Scout user manual 1.3, table 3.6, examples 1 and 2: 0.15 m/s; 0.05 rad/s.
         agilex = codec()
-        assert agilex.encode(Motion(0.15)) == (frame(0x111, "00 96 00 00 00 00 00 00"),)
-        assert agilex.encode(Motion(0.0, 0.0, 0.05)) == (frame(0x111, "00 00 00 32 00 00 00 00"),)
+        assert agilex.encode(BaseMotion(0.15)) == (frame(0x111, "00 96 00 00 00 00 00 00"),)
+        assert agilex.encode(BaseMotion(0.0, 0.0, 0.05)) == (frame(0x111, "00 00 00 32 00 00 00 00"),)
 
     def test_agilex_sequences(self):
         profile = load_profile(profile_path("agilex_v2"))
@@ -78,7 +78,7 @@ class TestPublishedFrames:
         limo = codec("agilex_limo")
         step = load_profile(profile_path("agilex_limo")).enable[0]
         assert limo.encode_step(step) == frame(0x421, "01 00 01 00 00 00 00 00")
-        assert limo.encode(Motion(0.1, -0.2))[0] == frame(0x111, "00 64 00 00 FF 38 00 00")
+        assert limo.encode(BaseMotion(0.1, -0.2))[0] == frame(0x111, "00 64 00 00 FF 38 00 00")
 
     def test_vesc(self):
         # vesc-project.com/node/3345: status 1 of controller 4; here the profile's controller 1.
@@ -89,14 +89,14 @@ class TestPublishedFrames:
             "LeftStatus.Current": pytest.approx(25.3),
             "LeftStatus.Duty": pytest.approx(0.041),
         }
-        left, right = vesc.encode(Motion(-1000 / 668.4508))
+        left, right = vesc.encode(BaseMotion(-1000 / 668.4508))
         assert left == frame(0x301, "FF FF FC 18", extended=True)
         assert right.frame_id == 0x302
 
     def test_odrive(self):
         # CANSimple: Set_Input_Vel is command 0x0D, two little-endian floats; Set_Axis_State 0x07.
         odrive = codec("odrive_cansimple")
-        left, right = odrive.encode(Motion(-2.5 / 1.87241))
+        left, right = odrive.encode(BaseMotion(-2.5 / 1.87241))
         assert (left.frame_id, right.frame_id) == (0x0D, 0x2D)
         assert left.data[:4] == bytes.fromhex("00 00 20 C0")
         profile = load_profile(profile_path("odrive_cansimple"))
@@ -109,9 +109,9 @@ class TestPublishedFrames:
 class TestSaturation:
     @pytest.mark.parametrize(("speed", "raw"), [(40.0, 32767), (-40.0, -32768), (1e300, 32767)])
     def test_before_scaling(self, speed, raw):
-        assert struct.unpack(">h", codec().encode(Motion(speed))[0].data[:2]) == (raw,)
+        assert struct.unpack(">h", codec().encode(BaseMotion(speed))[0].data[:2]) == (raw,)
 
-    @given(st.sampled_from(NAMES), st.builds(Motion, *[st.floats(-1e300, 1e300)] * 4))
+    @given(st.sampled_from(NAMES), st.builds(BaseMotion, *[st.floats(-1e300, 1e300)] * 4))
     def test_no_motion_is_a_crash(self, name, motion):
         for sent in CODECS[name].encode(motion):
             assert len(sent.data) in (4, 8)
@@ -119,22 +119,22 @@ class TestSaturation:
     def test_unsigned_and_inverted_signals(self, tmp_path):
         changes = {"Linear : 7|16@0- (0.001,0) [-32.768|32.767]": "Linear : 7|16@0+ (-0.001,10) [0|0]"}
         inverted = edited(tmp_path, changes)
-        assert inverted.encode(Motion(40.0))[0].data[:2] == b"\0\0"
-        assert inverted.encode(Motion(-1000.0))[0].data[:2] == b"\xff\xff"
-        assert inverted.encode(Motion(1.0))[0].data[:2] == (9000).to_bytes(2, "big")
+        assert inverted.encode(BaseMotion(40.0))[0].data[:2] == b"\0\0"
+        assert inverted.encode(BaseMotion(-1000.0))[0].data[:2] == b"\xff\xff"
+        assert inverted.encode(BaseMotion(1.0))[0].data[:2] == (9000).to_bytes(2, "big")
 
 
 class TestProtection:
     def test_commands_count(self):
         generic = codec("generic")
-        counters = [generic.encode(Motion())[0].data[1] & 0x0F for _ in range(17)]
+        counters = [generic.encode(BaseMotion())[0].data[1] & 0x0F for _ in range(17)]
         assert counters == [*range(15), 0, 1]
 
     def test_a_rehearsal_does_not_count(self):
         generic = codec("generic")
-        first = generic.encode(Motion())[0]
-        generic.rehearse(Motion(0.5))
-        assert generic.encode(Motion())[0].data[1] & 0x0F == (first.data[1] & 0x0F) + 1
+        first = generic.encode(BaseMotion())[0]
+        generic.rehearse(BaseMotion(0.5))
+        assert generic.encode(BaseMotion())[0].data[1] & 0x0F == (first.data[1] & 0x0F) + 1
 
     def test_feedback_with_wrong_crc_or_old_counter_is_refused(self, tmp_path):
         ids = list(range(1, 17))
@@ -179,7 +179,7 @@ class TestMalformed:
 
     def test_commands_are_not_feedback(self):
         agilex = codec()
-        assert agilex.decode(agilex.encode(Motion(0.5))[0]) is None
+        assert agilex.decode(agilex.encode(BaseMotion(0.5))[0]) is None
         assert agilex.decode(Frame(0x211, bytes(8), extended=True)) is None
         assert agilex.malformed == 0
 
@@ -251,7 +251,7 @@ class TestProfiles:
     def test_other_node_numbers(self, tmp_path):
         changes = {"[limits]": "[frame_ids]\nRightSetInputVelocity = 0x6D\nRightHeartbeat = 0x61\n\n[limits]"}
         moved = edited(tmp_path, changes, "odrive_cansimple")
-        assert [sent.frame_id for sent in moved.encode(Motion())] == [0x0D, 0x6D]
+        assert [sent.frame_id for sent in moved.encode(BaseMotion())] == [0x0D, 0x6D]
         assert moved.decode(frame(0x61, "00 00 00 00 08 00 00 00")).message == "RightHeartbeat"
         assert moved.decode(frame(0x21, "00 00 00 00 08 00 00 00")) is None
 

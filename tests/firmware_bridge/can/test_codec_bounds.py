@@ -7,7 +7,7 @@ from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.e2e import Protection, counter_of
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.profile import Step, load_profile
-from firmware_bridge.kinematics.base import Motion
+from firmware_bridge.kinematics.base import BaseMotion
 
 DBC = """VERSION ""
 NS_ :
@@ -65,7 +65,7 @@ def complaint(codec, **changes):
 
 @pytest.mark.parametrize(("speed", "raw"), [(1e6, 32767), (-1e6, -32768), (327.67, 32767), (-327.68, -32768)])
 def test_a_signal_without_a_range_saturates_at_its_bits(codec, speed, raw):
-    (frame,) = codec().encode(Motion(speed))
+    (frame,) = codec().encode(BaseMotion(speed))
     assert int.from_bytes(frame.data[:2], "little", signed=True) == raw
 
 
@@ -87,7 +87,7 @@ def test_lateral_speed_counts_against_the_limits(codec):
 
 def test_every_part_of_the_motion_adds_to_a_signal(codec):
     turn = "Turn = { forward = 1.0, lateral = 10.0, yaw = 100.0, steering = 0.1 }"
-    (frame,) = codec(toml=("Speed =", f"{turn}\nSpeed =")).encode(Motion(0.1, 0.2, 0.3, 0.4))
+    (frame,) = codec(toml=("Speed =", f"{turn}\nSpeed =")).encode(BaseMotion(0.1, 0.2, 0.3, 0.4))
     assert int.from_bytes(frame.data[4:6], "little", signed=True) == round((0.1 + 2.0 + 30.0 + 0.04) * 100)
 
 
@@ -96,7 +96,7 @@ def test_protected_messages_count_apart(codec):
         toml=("[limits]", '[[enable]]\nmessage = "Arm"\nsignals = { On = 1 }\n[limits]'),
         tables=PROTECTION.format("Drive", 1) + PROTECTION.format("Arm", 2),
     )
-    drives = [made.encode(Motion(0.5))[0].data for _ in range(3)]
+    drives = [made.encode(BaseMotion(0.5))[0].data for _ in range(3)]
     assert [counter_of(data, Protection("e2e_p01", data_id=1)) for data in drives] == [0, 1, 2]
     arm = made.encode_step(Step("Arm", {"On": 1}))
     assert counter_of(arm.data, Protection("e2e_p01", data_id=2)) == 0
@@ -188,7 +188,7 @@ def test_two_messages_of_one_identifier_in_the_dbc_are_refused(codec):
 
 def test_identifiers_of_both_kinds_do_not_meet(codec):
     made = codec(dbc=EXTENDED, toml=("[limits]", "[frame_ids]\nDrive = 32\n[limits]"))
-    assert made.encode(Motion())[0][::2] == (32, True)
+    assert made.encode(BaseMotion())[0][::2] == (32, True)
 
 
 def test_an_extended_identifier_does_not_fit_a_serial_frame(codec):

@@ -4,10 +4,10 @@ import msgspec
 import pytest
 
 from firmware_bridge.can.codec import Decoded
-from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, Pose
+from firmware_bridge.can.feedback import DeadReckoning, FeedbackRules, PlanarPose
 from firmware_bridge.can.profile import Feedback, MotionSignals, Rule
 from firmware_bridge.guard.link import Condition
-from firmware_bridge.kinematics.base import Base, Motion
+from firmware_bridge.kinematics.base import Base, BaseMotion
 
 OMNI = Base("omnidirectional")
 FEEDBACK = Feedback(
@@ -84,8 +84,8 @@ def test_an_override_of_a_page_that_is_gone_still_holds():
 
 
 def test_motion_is_a_weighted_sum():
-    assert rules().motion(FEEDBACK.motion, OMNI) == Motion(2.0, 1.0, 0.25, 0.0)
-    assert FeedbackRules(FEEDBACK).motion(FEEDBACK.motion, OMNI) == Motion()
+    assert rules().motion(FEEDBACK.motion, OMNI) == BaseMotion(2.0, 1.0, 0.25, 0.0)
+    assert FeedbackRules(FEEDBACK).motion(FEEDBACK.motion, OMNI) == BaseMotion()
 
 
 def test_cars_turn_by_their_steering():
@@ -97,27 +97,27 @@ def test_cars_turn_by_their_steering():
 
 
 def test_a_circle_closes():
-    robot = DeadReckoning(1, Pose(1.0, 2.0, 0.5), OMNI)
+    robot = DeadReckoning(1, PlanarPose(1.0, 2.0, 0.5), OMNI)
     steps = 1000
-    robot.advance(Motion(1.0, 0.0, 2 * math.pi), 5.0)
+    robot.advance(BaseMotion(1.0, 0.0, 2 * math.pi), 5.0)
     for step in range(1, steps + 1):
-        state = robot.advance(Motion(1.0, 0.0, 2 * math.pi), 5.0 + step / steps)
+        state = robot.advance(BaseMotion(1.0, 0.0, 2 * math.pi), 5.0 + step / steps)
     assert state.position_m == pytest.approx((1.0, 2.0), abs=1e-9)
     assert state.heading_rad == pytest.approx(0.5, abs=1e-9)
     assert state.stamp_s == 6.0
 
 
 def test_a_line_in_the_teams_frame():
-    robot = DeadReckoning(1, Pose(0.0, 0.0, math.pi / 2), OMNI)
-    robot.advance(Motion(), 0.0)
-    state = robot.advance(Motion(1.0, 0.5), 2.0)
+    robot = DeadReckoning(1, PlanarPose(0.0, 0.0, math.pi / 2), OMNI)
+    robot.advance(BaseMotion(), 0.0)
+    state = robot.advance(BaseMotion(1.0, 0.5), 2.0)
     assert state.position_m == pytest.approx((-1.0, 2.0))
     assert state.velocity_m_s == pytest.approx((-0.5, 1.0))
     assert state.robot_id == 1
 
 
 def test_the_point_ahead_is_what_is_reported():
-    robot = DeadReckoning(1, Pose(), Base("differential", "lookahead", 0.2))
-    state = robot.advance(Motion(0.5, 0.0, 1.0), 0.0)
+    robot = DeadReckoning(1, PlanarPose(), Base("differential", "lookahead", 0.2))
+    state = robot.advance(BaseMotion(0.5, 0.0, 1.0), 0.0)
     assert state.position_m == pytest.approx((0.2, 0.0))
     assert state.velocity_m_s == pytest.approx((0.5, 0.2))

@@ -7,7 +7,7 @@ import firmware_bridge.can.link as link_module
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can.bus import CanBus
 from firmware_bridge.can.codec import CanCodec
-from firmware_bridge.can.feedback import DeadReckoning, Pose
+from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.limo import LimoPort
 from firmware_bridge.can.link import STOP_TRIES, CanLink, make_link
@@ -54,7 +54,7 @@ class Rig:
         path = profile_path(name)
         profile = load_profile(path)
         self.wire, self.now = Wire(), 50.0
-        robot = DeadReckoning(4, Pose(), profile.base)
+        robot = DeadReckoning(4, PlanarPose(), profile.base)
         self.link = CanLink(profile, CanCodec(profile, path), self.wire, robot)
         monkeypatch.setattr(link_module.time, "monotonic", lambda: self.now)
 

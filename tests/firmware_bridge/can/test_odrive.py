@@ -10,7 +10,7 @@ from can_peers import guard_spec
 import firmware_bridge.can.odrive as odrive_module
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.can.codec import CanCodec
-from firmware_bridge.can.feedback import DeadReckoning, Pose
+from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.link import CanLink, make_link
 from firmware_bridge.can.odrive import Watchdog, watchdog_timeout_s
@@ -213,7 +213,7 @@ def profile_file(tmp_path):
 def test_the_shipped_profiles_table_works_once_its_ids_are_in(drives, profile_file, arm, timeout_s):
     profile = load_profile(profile_file)
     profile = msgspec.structs.replace(profile, watchdog=WATCHDOG)
-    robot = DeadReckoning(0, Pose(), profile.base)
+    robot = DeadReckoning(0, PlanarPose(), profile.base)
     link = CanLink(profile, CanCodec(profile, profile_file), drives, robot, arm)
     assert link.firmware_timeout_s is None
     link.open()

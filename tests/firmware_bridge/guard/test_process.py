@@ -14,7 +14,7 @@ from guard_fakes import FakeLink, spec
 
 import firmware_bridge.guard.process as guard_module
 from edge_runtime.messages import RobotState
-from firmware_bridge.can.feedback import Pose
+from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.link import CanLink, CanOptions
 from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import Setpoint
@@ -255,6 +255,6 @@ def test_runs_as_a_module(monkeypatch):
 
 
 def test_makes_the_link_that_the_specification_names():
-    options = CanOptions("can0", str(profile_path("agilex_v2")), Pose())
+    options = CanOptions("can0", str(profile_path("agilex_v2")), PlanarPose())
     made = guard_module.make_link(spec(options=msgspec.Raw(msgspec.json.encode(options))))
     assert isinstance(made, CanLink)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.kinematics.base import Base, Motion, motion_for, yaw_from_steering
+from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for, yaw_from_steering
 
 OMNI = Base("omnidirectional")
 STRICT = Base("differential")
@@ -38,8 +38,8 @@ def test_the_point_ahead_moves_as_asked_up_to_the_yaw_limit(x, y, angle):
 
 @pytest.mark.parametrize("base", [STRICT, msgspec.structs.replace(CAR, sideways="refuse")])
 def test_sideways_is_refused_where_configured(base):
-    assert motion_for((0.5, 0.0), 0.0, base) == Motion(0.5)
-    assert motion_for((0.5, 0.0099), 0.0, base) == Motion(0.5)
+    assert motion_for((0.5, 0.0), 0.0, base) == BaseMotion(0.5)
+    assert motion_for((0.5, 0.0099), 0.0, base) == BaseMotion(0.5)
     with pytest.raises(BridgeError, match="lookahead"):
         motion_for((0.5, -0.011), 0.0, base)
 
@@ -58,14 +58,14 @@ def test_cars_steer_to_the_asked_curve():
 
 
 def test_standing_cars_only_turn_their_wheels():
-    assert motion_for((0.0, 0.1), 0.0, CAR) == Motion(0.0, 0.0, 0.0, 0.6)
-    assert motion_for((0.0, -0.1), 0.0, CAR) == Motion(0.0, 0.0, 0.0, -0.6)
-    assert motion_for((0.0, 0.0), 0.0, CAR) == Motion()
+    assert motion_for((0.0, 0.1), 0.0, CAR) == BaseMotion(0.0, 0.0, 0.0, 0.6)
+    assert motion_for((0.0, -0.1), 0.0, CAR) == BaseMotion(0.0, 0.0, 0.0, -0.6)
+    assert motion_for((0.0, 0.0), 0.0, CAR) == BaseMotion()
     assert yaw_from_steering(0.0, 0.6, CAR) == 0.0
 
 
 def test_slowing_down_keeps_the_curve():
-    assert Motion(1.0, 2.0, 3.0, 0.4).scaled(0.5) == Motion(0.5, 1.0, 1.5, 0.4)
+    assert BaseMotion(1.0, 2.0, 3.0, 0.4).scaled(0.5) == BaseMotion(0.5, 1.0, 1.5, 0.4)
 
 
 def test_the_reference_point():

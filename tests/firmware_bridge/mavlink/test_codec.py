@@ -26,7 +26,7 @@ from firmware_bridge.mavlink.messages import (
     Target,
     TimeSync,
 )
-from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.signing import SignatureCheck, Signing, Timestamps
 
 KEY = bytes(range(32))
 FUZZ_CASES = int(os.environ.get("MAVLINK_FUZZ_CASES", "20000"))
@@ -412,7 +412,11 @@ class TestSigned:
         forged = vehicle_frame(local_position(), signing=(KEY[::-1], tick + 1))
         received = list(decoder.feed(good + good + forged + vehicle_frame(local_position())))
         assert [r.content for r in received] == [content(local_position())]
-        assert decoder.tally.refused == {Verdict.UNSIGNED: 1, Verdict.ALTERED: 1, Verdict.REPLAYED: 1}
+        assert decoder.tally.refused == {
+            SignatureCheck.UNSIGNED: 1,
+            SignatureCheck.ALTERED: 1,
+            SignatureCheck.REPLAYED: 1,
+        }
         assert decoder.tally.accepted == 1
 
     def test_signed_frames_are_cut_with_their_signature(self, signing):

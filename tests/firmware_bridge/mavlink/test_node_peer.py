@@ -11,7 +11,7 @@ from paths import SUPPORT
 
 from firmware_bridge.mavlink.codec import Decoder, Encoder
 from firmware_bridge.mavlink.messages import Beat, Command, ParameterRequest, Target, TimeSync
-from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.signing import SignatureCheck, Signing, Timestamps
 
 PEERS = SUPPORT / "peers"
 NODE = shutil.which("node")
@@ -93,6 +93,6 @@ def test_no_unsigned_replayed_or_altered_frame_is_accepted(signing):
     assert accepted == []
     refused = decoder.tally.refused
     assert sum(refused.values()) == ATTACKS
-    assert refused[Verdict.UNSIGNED] == sum(kind in (0, 7) for kind, _ in attacks)
-    assert refused[Verdict.REPLAYED] == sum(kind == 2 for kind, _ in attacks)
+    assert refused[SignatureCheck.UNSIGNED] == sum(kind in (0, 7) for kind, _ in attacks)
+    assert refused[SignatureCheck.REPLAYED] == sum(kind == 2 for kind, _ in attacks)
     assert decoder.tally.damaged == 0

@@ -11,7 +11,7 @@ from firmware_bridge.mavlink.profiles import (
     PROFILES,
     VELOCITY_AND_YAW_RATE,
     VELOCITY_ONLY,
-    Motion,
+    SetpointKind,
     find_profile,
 )
 
@@ -68,7 +68,9 @@ def test_px4_modes_are_packed_main_in_the_third_and_sub_in_the_fourth_byte():
 
 
 def test_only_the_copter_is_sent_accelerations_and_only_px4_needs_a_stream_first():
-    assert [p.name for p in PROFILES.values() if p.motion is Motion.ACCELERATION] == ["ardupilot_copter"]
+    assert [p.name for p in PROFILES.values() if p.motion is SetpointKind.ACCELERATION] == [
+        "ardupilot_copter"
+    ]
     assert [p.name for p in PROFILES.values() if p.prestream_s > 1.0] == ["px4"]
 
 

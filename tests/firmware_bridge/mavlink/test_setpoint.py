@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard.link import Limits, Setpoint
+from firmware_bridge.guard.link import CommandLimits, Setpoint
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink.messages import Target
-from firmware_bridge.mavlink.profiles import Motion
+from firmware_bridge.mavlink.profiles import SetpointKind
 from firmware_bridge.mavlink.setpoint import Follower, clamp
 
 DRAGGED = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1).at_period(0.02)
 FREE = Dynamics(mass_kg=1.0, drag=0.0, dt_s=0.02)
-LIMITS = Limits(speed_m_s=1.0, action=1.0)
+LIMITS = CommandLimits(speed_m_s=1.0, action=1.0)
 STRAIGHT = Base("differential")
 AHEAD = Base("differential", sideways="lookahead", lookahead_m=0.2, max_yaw_rad_s=100.0)
 REST = (0.0, 0.0)
@@ -37,7 +37,7 @@ def state(velocity=REST, heading=0.0):
 
 def test_velocity_follows_the_manifests_dynamics_from_command_to_command():
     """Drag has more leak than the bridge's own, so a constant action ends at the dynamics' own speed."""
-    px4 = follower(Motion.VELOCITY)
+    px4 = follower(SetpointKind.VELOCITY)
     for _ in range(500):
         target = px4.follow(setpoint((0.5, 0.0)), state())
     preview = DRAGGED.preview(1)
@@ -47,13 +47,13 @@ def test_velocity_follows_the_manifests_dynamics_from_command_to_command():
 
 
 def test_without_drag_the_leak_bounds_what_a_small_bias_adds_up_to():
-    px4 = follower(Motion.VELOCITY, FREE)
+    px4 = follower(SetpointKind.VELOCITY, FREE)
     for _ in range(2000):
         target = px4.follow(setpoint((0.1, 0.0)), state())
     assert target.velocity_m_s[1] == pytest.approx(0.1 / 0.5, rel=0.02)
 
 
-@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("motion", SetpointKind)
 def test_a_rehearsal_gives_the_same_and_is_forgotten(motion):
     autopilot = follower(motion, FREE, AHEAD)
     for action in ((0.5, 0.1), (0.25, -0.5)):
@@ -63,7 +63,7 @@ def test_a_rehearsal_gives_the_same_and_is_forgotten(motion):
 
 
 def test_a_refused_rehearsal_is_forgotten():
-    rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE)
+    rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE)
     with pytest.raises(BridgeError, match="cannot move sideways"):
         rover.rehearse(setpoint((0.0, 1.0)), state((0.0, 0.9)))
     assert rover.follow(setpoint((0.1, 0.0)), state()).velocity_m_s[0] == pytest.approx(0.1 * 0.02 * 0.99)
@@ -71,19 +71,19 @@ def test_a_refused_rehearsal_is_forgotten():
 
 @given(st.lists(actions, min_size=1, max_size=60))
 def test_integrated_velocity_never_passes_the_limit(commands):
-    px4 = follower(Motion.VELOCITY, FREE)
+    px4 = follower(SetpointKind.VELOCITY, FREE)
     for action in commands:
         target = px4.follow(setpoint(action), state())
         assert math.hypot(*target.velocity_m_s) <= LIMITS.speed_m_s * (1 + 1e-12)
 
 
 def test_integration_starts_from_the_measured_velocity():
-    px4 = follower(Motion.VELOCITY)
+    px4 = follower(SetpointKind.VELOCITY)
     target = px4.follow(setpoint((1e-9, 0.0)), state(velocity=(0.4, 0.0)))
     assert target.velocity_m_s[1] == pytest.approx(0.4 * DRAGGED.preview(1).velocity_decay)
 
 
-@pytest.mark.parametrize("motion", [Motion.VELOCITY, Motion.ACCELERATION])
+@pytest.mark.parametrize("motion", [SetpointKind.VELOCITY, SetpointKind.ACCELERATION])
 def test_the_zero_command_is_zero_velocity_and_forgets(motion):
     drone = follower(motion)
     for _ in range(50):
@@ -95,14 +95,14 @@ def test_the_zero_command_is_zero_velocity_and_forgets(motion):
 
 def test_zero_action_in_motion_is_no_stop():
     """Without drag a robot that coasts gets no action and keeps its velocity."""
-    px4 = follower(Motion.VELOCITY, FREE)
+    px4 = follower(SetpointKind.VELOCITY, FREE)
     for _ in range(20):
         px4.follow(setpoint((1.0, 0.0)), state())
     assert px4.follow(setpoint(REST, (0.4, 0.0)), state()).velocity_m_s[1] > 0.3
 
 
 def test_acceleration_gives_the_dynamics_velocity_after_one_period():
-    copter = follower(Motion.ACCELERATION)
+    copter = follower(SetpointKind.ACCELERATION)
     velocity, preview = (0.3, -0.2), DRAGGED.preview(1)
     target = copter.follow(setpoint((1.0, 0.5)), state(velocity))
     assert (target.frame, target.type_mask, target.velocity_m_s) == (1, 0xC3F, REST)
@@ -117,20 +117,20 @@ def test_acceleration_gives_the_dynamics_velocity_after_one_period():
 
 @given(actions, st.tuples(st.floats(-50, 50), st.floats(-50, 50)))
 def test_acceleration_stays_within_what_the_dynamics_can_ask_for(action, velocity):
-    target = follower(Motion.ACCELERATION).follow(setpoint(action), state(velocity))
+    target = follower(SetpointKind.ACCELERATION).follow(setpoint(action), state(velocity))
     drag_per_s = (1.0 - 0.75 ** (0.02 / 0.1)) / 0.02
     largest = math.sqrt(2) * LIMITS.action / 2.0 + drag_per_s * LIMITS.speed_m_s
     assert math.hypot(*target.acceleration_m_s2) <= largest * (1 + 1e-9)
 
 
 def test_a_copter_over_the_speed_limit_is_not_accelerated_further():
-    target = follower(Motion.ACCELERATION, FREE).follow(setpoint((1.0, 0.0)), state((1.0, 0.0)))
+    target = follower(SetpointKind.ACCELERATION, FREE).follow(setpoint((1.0, 0.0)), state((1.0, 0.0)))
     assert target.acceleration_m_s2[1] == pytest.approx(0.0, abs=1e-9)
 
 
 class TestRover:
     def test_forward_along_the_heading(self):
-        rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE)
+        rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE)
         target = rover.follow(setpoint((0.0, 0.5)), state(heading=math.pi / 2))
         assert (target.frame, target.type_mask) == (8, 0x5C7)
         assert target.velocity_m_s == pytest.approx((0.5 * 0.02 * 0.99, 0.0))
@@ -138,14 +138,14 @@ class TestRover:
 
     @given(actions, st.floats(-math.pi, math.pi))
     def test_the_wire_never_carries_a_lateral_velocity(self, action, heading):
-        rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE, AHEAD)
+        rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE, AHEAD)
         assert rover.follow(setpoint(action), state(heading=heading)).velocity_m_s[1] == 0.0
 
     @given(actions, st.floats(-math.pi, math.pi))
     def test_the_point_ahead_moves_as_commanded(self, action, heading):
-        rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE, AHEAD)
+        rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE, AHEAD)
         target = rover.follow(setpoint(action), state(heading=heading))
-        expected = follower(Motion.VELOCITY, FREE).follow(setpoint(action), state(heading=heading))
+        expected = follower(SetpointKind.VELOCITY, FREE).follow(setpoint(action), state(heading=heading))
         forward, counter_clockwise = target.velocity_m_s[0], -target.yaw_rate_rad_s
         c, s = math.cos(heading), math.sin(heading)
         east = forward * c - 0.2 * counter_clockwise * s
@@ -153,16 +153,16 @@ class TestRover:
         assert (north, east) == pytest.approx(expected.velocity_m_s, abs=1e-9)
 
     def test_turning_left_is_a_negative_yaw_rate_on_the_wire(self):
-        rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE, AHEAD)
+        rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE, AHEAD)
         assert rover.follow(setpoint((0.0, 1.0)), state(heading=0.0)).yaw_rate_rad_s < 0.0
 
     def test_sideways_without_a_point_ahead_is_refused(self):
-        rover = follower(Motion.FORWARD_AND_YAW_RATE, FREE)
+        rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE)
         with pytest.raises(BridgeError, match="sideways"):
             rover.follow(setpoint((0.0, 1.0)), state(heading=0.0))
 
     def test_holding_commands_zero_speed_and_zero_turn(self):
-        assert follower(Motion.FORWARD_AND_YAW_RATE).hold() == Target(8, 0x5C7)
+        assert follower(SetpointKind.FORWARD_AND_YAW_RATE).hold() == Target(8, 0x5C7)
 
 
 @given(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), st.floats(0.1, 10.0))

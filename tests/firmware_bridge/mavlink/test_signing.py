@@ -13,9 +13,9 @@ from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.mavlink.signing import (
     RESERVE_TICKS,
     SIGNATURE_BYTES,
+    SignatureCheck,
     Signing,
     Timestamps,
-    Verdict,
     clock_ticks,
 )
 
@@ -150,14 +150,14 @@ class TestTimestamps:
 class TestVerify:
     def test_a_frame_that_pymavlink_signed_is_accepted_once(self, signing, wall):
         frame = signed(wall.tick + 5)
-        assert signing.verify(frame) is Verdict.ACCEPTED
-        assert signing.verify(frame) is Verdict.REPLAYED
+        assert signing.verify(frame) is SignatureCheck.ACCEPTED
+        assert signing.verify(frame) is SignatureCheck.REPLAYED
 
     def test_an_unsigned_frame_is_refused(self, signing):
-        assert signing.verify(vehicle_frame(local_position())) is Verdict.UNSIGNED
+        assert signing.verify(vehicle_frame(local_position())) is SignatureCheck.UNSIGNED
 
     def test_another_key_is_refused(self, signing, wall):
-        assert signing.verify(signed(wall.tick + 5, key=KEY[::-1])) is Verdict.ALTERED
+        assert signing.verify(signed(wall.tick + 5, key=KEY[::-1])) is SignatureCheck.ALTERED
 
     @given(data=st.data())
     @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -165,33 +165,33 @@ class TestVerify:
         frame = bytearray(signed(timestamps.last + 5))
         bit = data.draw(st.integers(0, 8 * len(frame) - 1))
         frame[bit // 8] ^= 1 << bit % 8
-        assert Signing(KEY, timestamps).verify(bytes(frame)) is not Verdict.ACCEPTED
+        assert Signing(KEY, timestamps).verify(bytes(frame)) is not SignatureCheck.ACCEPTED
 
     def test_older_frames_of_the_same_stream_are_refused(self, signing, wall):
-        assert signing.verify(signed(wall.tick + 100)) is Verdict.ACCEPTED
-        assert signing.verify(signed(wall.tick + 99, sequence=1)) is Verdict.REPLAYED
-        assert signing.verify(signed(wall.tick + 99, component=2)) is Verdict.ACCEPTED
-        assert signing.verify(signed(wall.tick + 99, system=2)) is Verdict.ACCEPTED
+        assert signing.verify(signed(wall.tick + 100)) is SignatureCheck.ACCEPTED
+        assert signing.verify(signed(wall.tick + 99, sequence=1)) is SignatureCheck.REPLAYED
+        assert signing.verify(signed(wall.tick + 99, component=2)) is SignatureCheck.ACCEPTED
+        assert signing.verify(signed(wall.tick + 99, system=2)) is SignatureCheck.ACCEPTED
 
     def test_each_link_has_its_own_order(self, signing, wall):
         other = bytearray(signed(wall.tick + 99))
         other[-SIGNATURE_BYTES] = 1
         other[-6:] = hashlib.sha256(KEY + other[:-6]).digest()[:6]
-        assert signing.verify(signed(wall.tick + 100)) is Verdict.ACCEPTED
-        assert signing.verify(bytes(other)) is Verdict.ACCEPTED
-        assert signing.verify(bytes(other)) is Verdict.REPLAYED
+        assert signing.verify(signed(wall.tick + 100)) is SignatureCheck.ACCEPTED
+        assert signing.verify(bytes(other)) is SignatureCheck.ACCEPTED
+        assert signing.verify(bytes(other)) is SignatureCheck.REPLAYED
 
     def test_a_forged_timestamp_does_not_lock_the_true_sender_out(self, signing, wall):
-        assert signing.verify(signed(2**47, key=KEY[::-1])) is Verdict.ALTERED
-        assert signing.verify(signed(wall.tick + 5)) is Verdict.ACCEPTED
+        assert signing.verify(signed(2**47, key=KEY[::-1])) is SignatureCheck.ALTERED
+        assert signing.verify(signed(wall.tick + 5)) is SignatureCheck.ACCEPTED
 
     def test_what_was_recorded_before_a_restart_is_refused(self, tmp_path, wall):
         path = tmp_path / "timestamp"
         before = Signing(KEY, Timestamps(path, wall))
         recorded = signed(wall.tick + 5)
-        assert before.verify(recorded) is Verdict.ACCEPTED
+        assert before.verify(recorded) is SignatureCheck.ACCEPTED
         after = Signing(KEY, Timestamps(path, wall))
-        assert after.verify(recorded) is Verdict.REPLAYED
+        assert after.verify(recorded) is SignatureCheck.REPLAYED
 
     def test_our_own_next_frame_is_newer_than_all_accepted_ones(self, signing, wall):
         signing.verify(signed(wall.tick + 10**6))
@@ -202,7 +202,7 @@ class TestVerify:
         peer = common.MAVLink(None, srcSystem=1, srcComponent=1)
         peer.signing.secret_key, peer.signing.sign_outgoing = KEY, True
         peer.signing.timestamp = wall.tick - 10**9
-        assert signing.verify(bytes(local_position().pack(peer))) is Verdict.REPLAYED
+        assert signing.verify(bytes(local_position().pack(peer))) is SignatureCheck.REPLAYED
         peer.decode(bytearray(signed(signing.timestamps.next(), system=255)))
         peer.signing.timestamp += 1
-        assert signing.verify(bytes(local_position().pack(peer))) is Verdict.ACCEPTED
+        assert signing.verify(bytes(local_position().pack(peer))) is SignatureCheck.ACCEPTED

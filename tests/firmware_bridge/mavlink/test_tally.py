@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common
 
 from edge_runtime.errors import ConfigError
 from firmware_bridge.mavlink.codec import Decoder
-from firmware_bridge.mavlink.signing import Signing, Timestamps, Verdict
+from firmware_bridge.mavlink.signing import SignatureCheck, Signing, Timestamps
 
 KEY = bytes(range(32))
 NOW = 10_000_000
@@ -85,9 +85,9 @@ def test_refused_frames(signing):
     found = counted(Decoder(signing), *[unsigned] * 2, *[altered] * 3, *[genuine] * 5)
     assert found == {
         "accepted": 1,
-        Verdict.UNSIGNED: 2,
-        Verdict.ALTERED: 3,
-        Verdict.REPLAYED: 4,
+        SignatureCheck.UNSIGNED: 2,
+        SignatureCheck.ALTERED: 3,
+        SignatureCheck.REPLAYED: 4,
     }
 
 

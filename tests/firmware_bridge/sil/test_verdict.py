@@ -11,7 +11,13 @@ from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
 from firmware_bridge.sil.measurement.report import (
     ProcessCost,
 )
-from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, Limits, MachineLimits, RunLimits, load_limits
+from firmware_bridge.sil.scenario.limits import (
+    DEFAULT_LIMITS,
+    LimitsFile,
+    MachineLimits,
+    RunLimits,
+    load_limits,
+)
 
 DEFAULTS = load_limits()
 
@@ -44,7 +50,7 @@ LATE = Percentiles(5.0, 45.0, 50.0, 60.0)
 )
 def test_each_limit_is_judged(changes, complaint):
     assert broken_limits(report(robot(0), robot(1, **changes)), DEFAULTS.run) == (complaint,)
-    lenient = Limits()
+    lenient = LimitsFile()
     assert broken_limits(report(robot(0), robot(1, **changes)), lenient.run) == ()
 
 

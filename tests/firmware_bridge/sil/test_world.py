@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
-from firmware_bridge.can.feedback import DeadReckoning, Pose
-from firmware_bridge.kinematics.base import Base, Motion, motion_for
+from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
+from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
 from firmware_bridge.sil.firmware.truth import Truth
 from firmware_bridge.sil.firmware.world import World
 from firmware_bridge.sil.scenario.layout import places
@@ -73,14 +73,14 @@ def test_odometry_leads_back_to_the_truth():
     draw = np.random.default_rng(3)
     world = make((0.4, -0.3), headings=[1.0])
     axle = world.state(0)
-    reckoned = DeadReckoning(0, Pose(*axle.position_m, axle.heading_rad), BASE)
+    reckoned = DeadReckoning(0, PlanarPose(*axle.position_m, axle.heading_rad), BASE)
     motion = (0.0, 0.0)
     for step in range(1000):
         if step % 50 == 0:
             motion = (draw.uniform(-0.3, 0.3), draw.uniform(-1.0, 1.0))
         world.step([motion])
         pose = world.state(0)
-        state = reckoned.advance(Motion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
+        state = reckoned.advance(BaseMotion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
     assert math.dist(state.position_m, world.position_m[0]) < 0.02
     assert math.dist(state.velocity_m_s, world.velocity_m_s[0]) < 0.01
 

@@ -20,7 +20,7 @@ class Outcome(msgspec.Struct, frozen=True):
     frames: tuple[Seen, ...]
     """From the last second before the fault on."""
     reason: str
-    """The runtime's last words; empty if it was killed."""
+    """What ended the runtime, in its own words; empty if it was killed."""
     refused_after_s: float | None
     """When the guard first refused a command of the runtime."""
     dropped: int
