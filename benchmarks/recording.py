@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.result_page import add_html_flag, check_writable, table, write_html
+from edge_runtime.common.child import python_command
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
@@ -222,7 +223,7 @@ def _watching(fleet: Path) -> Iterator[None]:
 
 
 def _start(module: str, *flags: str) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-m", module, *flags], stdout=subprocess.DEVNULL)  # noqa: S603
+    return subprocess.Popen(python_command(module, *flags), stdout=subprocess.DEVNULL)  # noqa: S603
 
 
 def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -> Row:

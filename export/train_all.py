@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from edge_runtime.common.child import python_command
 from edge_runtime.errors import ConfigError, EdgeError
 from edge_runtime.policy.bundle import MANIFEST_FILE
 from export.algorithms.mafpo_warm import MafpoWarm
@@ -88,7 +89,7 @@ def run(job: Job) -> None:
     job.directory.mkdir(parents=True, exist_ok=True)
     with (job.directory / "log.txt").open("a") as log:
         for command in job.commands():
-            line = [sys.executable, "-m", *command]
+            line = python_command(*command)
             if subprocess.run(line, stdout=log, stderr=log, check=False).returncode:  # noqa: S603  # ours
                 raise ConfigError(f"{job.directory}: {command[0]} failed, its last words are in {log.name}")
 

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import msgspec
 import edge_runtime
 from benchmarks.sil.cases import Case
 from benchmarks.sil.clock import own_clock
+from edge_runtime.common.child import python_command
 from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.measurement.report import SilReport
 from firmware_bridge.sil.scenario.team_file import write_key
@@ -38,7 +38,7 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
             flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
         clock = own_clock(folder) if case.own_clock else {}
         done = subprocess.run(  # noqa: S603 - our own interpreter and module
-            [sys.executable, "-m", "firmware_bridge.sil.edge_sil", *map(str, flags)],
+            python_command("firmware_bridge.sil", *flags),
             env={**os.environ, **clock},
             capture_output=True,
             text=True,

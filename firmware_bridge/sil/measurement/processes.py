@@ -5,13 +5,13 @@ import ctypes
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 
+from edge_runtime.common.child import python_command
 from edge_runtime.recording import logger_process
 from firmware_bridge.guard import process as guard_process
 
@@ -94,14 +94,14 @@ class ProcessGroup:
         *,
         answers: bool = False,
     ) -> Child:
-        """Start ``python -m module`` in a session of its own, bound to the life of this process.
+        """Start a module in a session of its own, bound to the life of this process.
 
         Its standard output is a pipe if it ``answers``, else a file with its standard error.
         """
         output = self._folder / f"{name}.out"
         with output.open("w") as file:
             popen = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-                [sys.executable, "-m", module, *arguments],
+                python_command(module, *arguments),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE if answers else file,
                 stderr=file,

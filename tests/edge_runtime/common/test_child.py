@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+import sysconfig
+from pathlib import Path
 
 import msgspec
 import pytest
 
 import edge_runtime.common.child as child_module
-from edge_runtime.common.child import start_child
+from edge_runtime.common.child import python_command, start_child
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -47,11 +49,10 @@ def test_a_child_is_our_own_interpreter_in_a_session_of_its_own(monkeypatch):
     connection, _ = start_child("some.module", Task("one"))
     connection.close()
     (((arguments,), options),) = started
-    assert arguments[:3] == [sys.executable, "-m", "some.module"]
-    assert arguments[4:] == ['{"name":"one"}']
+    assert arguments == python_command("some.module", arguments[-2], '{"name":"one"}')
     # Ctrl-C on the terminal must not reach the child before its parent has told it to stop.
     assert options == {
-        "pass_fds": (int(arguments[3]),),
+        "pass_fds": (int(arguments[-2]),),
         "stdin": subprocess.DEVNULL,
         "stdout": None,
         "start_new_session": True,
@@ -71,3 +72,57 @@ def test_a_closed_stream_of_ours_becomes_none_of_the_child(tmp_path):
     )
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+HOSTILE = "import pathlib; pathlib.Path(__file__).with_name('was_run').touch(); raise SystemExit(7)"
+LIBRARIES = ("can", "cantools", "json", "mcap", "msgspec", "numpy", "pymavlink", "runpy", "serial")
+
+
+@pytest.fixture
+def hostile_folder(tmp_path):
+    """A folder that holds modules of the names that our processes import."""
+    for name in LIBRARIES:
+        (tmp_path / f"{name}.py").write_text(HOSTILE)
+    return tmp_path
+
+
+OLDER_PYTHON = (
+    "-c",
+    "import sys; del sys.path[0], sys.argv[0]; import runpy; "
+    "runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)",
+)
+
+
+@pytest.mark.parametrize("safely", [child_module._SAFELY, OLDER_PYTHON])
+def test_nothing_is_imported_from_the_folder_that_a_process_is_started_in(
+    safely, hostile_folder, monkeypatch
+):
+    monkeypatch.setattr(child_module, "_SAFELY", safely)
+    command = python_command("serial.tools.list_ports", "--help")
+    done = subprocess.run(command, cwd=hostile_folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.partition(" ")[0]) == (0, "usage:")
+    assert not (hostile_folder / "was_run").exists()
+
+
+@pytest.mark.parametrize(
+    "flags, said",
+    [
+        ("--bridge sim", ""),
+        ("--bridge can --bus nosuch0 --profile agilex_v2", "nosuch0"),
+        ("--bridge mavlink --mavlink udpin:192.0.2.1:1 --mavlink-autopilot ardupilot_rover", "192.0.2.1"),
+    ],
+)
+def test_neither_guard_nor_logger_imports_from_there(flags, said, hostile_folder):
+    (hostile_folder / "one.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
+    script = Path(sysconfig.get_path("scripts")) / "edge-run"
+    own = "--robot-id 0 --fleet one.toml --rate 50 --duration 0.3 --log-dir logs"
+    done = subprocess.run(
+        [script, *own.split(), *flags.split()],
+        cwd=hostile_folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not (hostile_folder / "was_run").exists()
+    assert done.returncode == (2 if said else 0)
+    assert said in done.stderr
