@@ -16,6 +16,8 @@ from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import CommandLimits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 
+CONFIRMING = "look, then set it to true in your copy of the profile"
+
 
 class CanFlags(msgspec.Struct, frozen=True):
     """The flags, as parsed."""
@@ -58,7 +60,15 @@ def options_from(arguments: argparse.Namespace) -> CanFlags:
 
 
 def open_bridge(mission: Mission, options: CanFlags) -> GuardedBridge:
-    """Return the mission's bridge, ready to be entered; raises as `make_spec`."""
+    """Return the mission's bridge, ready to be entered.
+
+    Raises:
+        ConfigError: as `make_spec`, and if the profile asks for what nobody has confirmed.
+    """
+    path = profile_path(options.profile)
+    for what, confirmed in load_profile(path).confirm.items():
+        if not confirmed:
+            raise ConfigError(f"{path}: confirm: not confirmed: {what}; {CONFIRMING}")
     return GuardedBridge(make_spec(mission.robot_id, mission.bundle.manifest, options, mission.rate_hz))
 
 

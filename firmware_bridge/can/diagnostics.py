@@ -11,7 +11,7 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can.bridge import CanFlags, make_spec
+from firmware_bridge.can.bridge import CONFIRMING, CanFlags, make_spec
 from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.interface import Interface, show_interface
 from firmware_bridge.can.link import CanLink, make_link
@@ -45,11 +45,17 @@ def _findings(spec: GuardSpec, options: CanFlags, profile: Profile) -> Iterator[
     link = make_link(msgspec.structs.replace(spec, arm=False))
     yield examine("feedback", partial(feedback, link, spec.arm))
     unsafe = spec.allow_unsafe_firmware_timeout
-    source = "as the drives answer" if profile.watchdog else f"says profile {options.profile}"
     yield examine(
         "firmware timeout",
-        lambda: firmware_timeout(link.firmware_timeout_s, source, allow_unsafe=unsafe),
+        lambda: firmware_timeout(link.firmware_timeout_s, link.firmware_timeout_source, allow_unsafe=unsafe),
     )
+    for what, confirmed in profile.confirm.items():
+        yield examine("setting", partial(setting, what, confirmed=confirmed))
+
+
+def setting(what: str, *, confirmed: bool) -> Finding:
+    """Whether somebody has looked at what no message tells."""
+    return ok(f"confirmed: {what}") if confirmed else fail(f"not confirmed: {what}", CONFIRMING)
 
 
 def examine_interface(name: str, period_s: float) -> Iterator[Finding]:
@@ -145,16 +151,18 @@ def _listen(link: CanLink, listen_s: float) -> Health:
 
 
 def _judge(health: Health, arm: bool) -> Finding:
-    if health.condition is Condition.READY:
-        return warn(
-            "fresh, and the firmware takes commands already", "keep clear: it may be driven without --arm"
-        )
-    if health.condition is Condition.WAITING:
-        return (
-            ok(f"fresh; {health.detail}, --arm enables it")
-            if arm
-            else warn(f"fresh; {health.detail}", "edge-run commands nothing until it is enabled: pass --arm")
-        )
     if health.condition is Condition.OVERRIDE:
         return fail(health.detail, "release the emergency stop, give the robot free on the remote control")
-    return fail(health.detail, "switch the robot on; check wiring, bit rate, --profile; clear its faults")
+    if health.condition is Condition.FAULT:
+        return fail(health.detail, "switch the robot on; check wiring, bit rate, --profile; clear its faults")
+    heard = f"fresh; {health.warning}" if health.warning else "fresh"
+    if health.condition is Condition.READY:
+        return warn(
+            f"{heard}, and the firmware takes commands already", "keep clear: it may be driven without --arm"
+        )
+    if not arm:
+        remedy = "edge-run commands nothing until it is enabled: pass --arm"
+        return warn(f"{heard}; {health.detail}", remedy)
+    if health.warning:
+        return warn(f"{heard}; {health.detail}, --arm enables it", "look at the robot")
+    return ok(f"fresh; {health.detail}, --arm enables it")

@@ -63,10 +63,13 @@ class FeedbackRules:
                 return Health(Condition.FAULT, _stale(name, now_s - self._times_s[name]))
         if (rule := self._first(self._feedback.fault)) is not None:
             return Health(Condition.FAULT, f"the firmware reports a fault ({self._said(rule)})")
+        warned = ", ".join(self._said(rule) for rule in self._feedback.warn if self._holds(rule))
+        warning = f"the firmware warns ({warned})" if warned else ""
         for rule in self._feedback.ready:
-            if not rule.holds(self._values[rule.signal]):
-                return Health(Condition.WAITING, f"the firmware does not take commands ({self._said(rule)})")
-        return Health(Condition.READY)
+            if not self._holds(rule):
+                detail = f"the firmware does not take commands ({self._said(rule)})"
+                return Health(Condition.WAITING, detail, warning)
+        return Health(Condition.READY, warning=warning)
 
     def motion(self, signals: MotionSignals, base: Base) -> BaseMotion:
         """Return the measured motion; signals not yet received count as zero."""
@@ -76,8 +79,10 @@ class FeedbackRules:
         return BaseMotion(forward, self._sum(signals.lateral), yaw, steering)
 
     def _first(self, rules: tuple[Rule, ...]) -> Rule | None:
-        values = self._values
-        return next((r for r in rules if r.signal in values and r.holds(values[r.signal])), None)
+        return next((rule for rule in rules if rule.signal in self._values and self._holds(rule)), None)
+
+    def _holds(self, rule: Rule) -> bool:
+        return rule.holds(self._values[rule.signal])
 
     def _said(self, rule: Rule) -> str:
         return f"{rule.signal} = {self._values[rule.signal]:g}"

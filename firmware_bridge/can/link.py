@@ -15,6 +15,7 @@ from firmware_bridge.can.frame import Frame, Transport
 from firmware_bridge.can.limo import LimoPort
 from firmware_bridge.can.odrive import watchdog_timeout_s
 from firmware_bridge.can.profile import Profile, load_profile
+from firmware_bridge.can.vesc import command_timeout_s
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import BaseMotion, motion_for
@@ -47,6 +48,7 @@ class CanLink:
         arm: bool = False,
     ) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
+        self.firmware_timeout_source = "says the profile"
         self.recoveries = profile.recoveries
         self._profile = profile
         self._codec = codec
@@ -61,7 +63,7 @@ class CanLink:
         self._dropped = 0
 
     def open(self) -> None:
-        """Open the bus; drives with a watchdog are asked for it, which ``--arm`` turns on.
+        """Open the bus; drives that can tell their timeout are asked, and ``--arm`` turns a watchdog on.
 
         Raises:
             BridgeError: if the bus cannot be opened, or such a drive does not answer.
@@ -69,6 +71,11 @@ class CanLink:
         self._transport.open()
         if self._profile.watchdog is not None:
             self.firmware_timeout_s = watchdog_timeout_s(self._transport, self._profile.watchdog, self._arm)
+            self.firmware_timeout_source = "as the drives answer"
+        if self._profile.vesc is not None:
+            self.firmware_timeout_s, self.firmware_timeout_source = command_timeout_s(
+                self._transport, self._profile.vesc
+            )
 
     def close(self) -> None:
         """Close the bus."""
@@ -93,7 +100,7 @@ class CanLink:
         """Judge the newest feedback; firmware that cannot say whether it listens is ready once enabled."""
         health = self._rules.health(now_s)
         if health.condition is Condition.READY and not (self._profile.feedback.ready or self._enabled):
-            return Health(Condition.WAITING, "not enabled by this guard: pass --arm")
+            return Health(Condition.WAITING, "not enabled by this guard: pass --arm", health.warning)
         return health
 
     def state(self) -> RobotState | None:

@@ -4,17 +4,13 @@ RxSdo (command 0x04): opcode, endpoint id (2 bytes), reserved, value. TxSdo (0x0
 endpoint id, reserved, value. Little endian. Source: ODrive's documentation, "CAN Protocol", "CAN Bus Guide".
 """
 
-import select
 import struct
-import time
 
 import msgspec
 
 from edge_runtime.errors import BridgeError
+from firmware_bridge.can.asking import ask
 from firmware_bridge.can.frame import Frame, Transport
-
-ANSWER_S = 0.2
-TRIES = 3
 
 _GET_VERSION, _RX_SDO, _TX_SDO = 0x00, 0x04, 0x05
 _READ, _WRITE = 0, 1
@@ -105,18 +101,13 @@ class _Drive:
 
     def _ask(self, command: int, request: bytes, answer: int, place: bytes) -> bytes:
         """Send until a frame answers that is longer than a request and has ``place`` at byte 1."""
-        for _ in range(TRIES):
-            self._transport.send(self._frame(command, request))
-            end_s = time.monotonic() + ANSWER_S
-            while (wait_s := end_s - time.monotonic()) > 0.0:
-                select.select((self._transport.fileno(),), (), (), wait_s)
-                for frame in self._transport.receive():
-                    same = frame.frame_id == self._frame(answer).frame_id and not frame.extended
-                    if same and len(frame.data) > _SDO.size and frame.data[1:].startswith(place):
-                        return frame.data
-        raise BridgeError(
-            f"ODrive node {self._node} does not answer: check power, wiring, bit rate and the profile's nodes"
-        )
+        frame_id = self._frame(answer).frame_id
+
+        def understand(frame: Frame) -> bytes | None:
+            long = frame.frame_id == frame_id and not frame.extended and len(frame.data) > _SDO.size
+            return frame.data if long and frame.data[1:].startswith(place) else None
+
+        return ask(self._transport, self._frame(command, request), understand, f"ODrive node {self._node}")
 
     def _frame(self, command: int, data: bytes = b"") -> Frame:
         return Frame(self._node << 5 | command, data)

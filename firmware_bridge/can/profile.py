@@ -14,6 +14,7 @@ from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.errors import ConfigError
 from firmware_bridge.can.e2e import Protection
 from firmware_bridge.can.odrive import Watchdog
+from firmware_bridge.can.vesc import Vescs
 from firmware_bridge.kinematics.base import Base
 
 PROFILES = Path(__file__).parents[1] / "profiles"
@@ -90,13 +91,15 @@ class Feedback(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All hold while the firmware takes commands; without rules it always does, once enabled."""
     fault: tuple[Rule, ...] = ()
     """One holds: a fault that the enable sequence may clear."""
+    warn: tuple[Rule, ...] = ()
+    """One holds: somebody should know; the robot drives on."""
     override: tuple[Rule, ...] = ()
     """One holds: an operator, or an emergency stop, has the robot."""
 
     @property
     def signals(self) -> list[str]:
         """Every signal that a rule or the motion rests on."""
-        rules = (*self.ready, *self.fault, *self.override)
+        rules = (*self.ready, *self.fault, *self.warn, *self.override)
         motion = self.motion
         measured = (*motion.forward, *motion.lateral, *motion.yaw, *motion.steering)
         return list(dict.fromkeys([*(rule.signal for rule in rules), *measured]))
@@ -129,6 +132,10 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Silence after which the firmware stops by itself; leave it out where unknown, 0 where off."""
     watchdog: Watchdog | None = None
     """ODrive: where to read that timeout, and to set it with ``--arm``."""
+    vesc: Vescs | None = None
+    """VESC: who is asked for that timeout."""
+    confirm: dict[str, bool] = {}
+    """What no message tells and no robot drives without: each true once somebody has looked."""
     enable: tuple[Step, ...] = ()
     enable_timeout_s: float = 2.0
     recoveries: int = 3
@@ -141,8 +148,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if not 0.0 < self.period_s <= 1.0:
             raise ValueError(f"`period_s` must lie in (0, 1], got {self.period_s}")
-        if self.watchdog and self.firmware_timeout_s is not None:
-            raise ValueError("leave `firmware_timeout_s` out: with `watchdog` the drives are asked for it")
+        if sum(source is not None for source in (self.firmware_timeout_s, self.watchdog, self.vesc)) > 1:
+            raise ValueError("give one of `firmware_timeout_s`, `watchdog` and `vesc`: asked for, or known")
         if self.recoveries < 0:
             raise ValueError(f"`recoveries` must not be negative, got {self.recoveries}")
         if not self.motion or not self.feedback.stale_s:

@@ -46,6 +46,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
 
     condition: Condition
     detail: str = ""
+    warning: str = ""
+    """What the firmware complains of and drives on with; the runtime is told each once."""
 
 
 class CommandLimits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):

@@ -38,7 +38,9 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Distance of that point ahead of the (rear) axle; it is also the point whose position is reported."""
     max_yaw_rad_s: float = math.inf
     wheelbase_m: float = 0.0
-    """Ackermann: distance between the axles."""
+    """Ackermann: from the axle that does not steer to the one that does; half of it where both do."""
+    track_m: float = 0.0
+    """Ackermann: between the wheels of an axle, where the steering angle is the inner wheel's; else 0."""
     max_steering_rad: float = 0.0
 
     def __post_init__(self) -> None:
@@ -46,6 +48,8 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("`lookahead_m` must be positive where sideways = 'lookahead'")
         if self.kind == "ackermann" and not (self.wheelbase_m > 0.0 and self.max_steering_rad > 0.0):
             raise ValueError("`wheelbase_m` and `max_steering_rad` must be positive for an ackermann base")
+        if not self.track_m >= 0.0:
+            raise ValueError(f"`track_m` must not be negative, got {self.track_m}")
         if not self.max_yaw_rad_s > 0.0:
             raise ValueError(f"`max_yaw_rad_s` must be positive, got {self.max_yaw_rad_s}")
 
@@ -82,8 +86,9 @@ def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> BaseMot
 
 
 def yaw_from_steering(forward_m_s: float, steering_rad: float, base: Base) -> float:
-    """Return the yaw rate of an Ackermann base in rad/s."""
-    return forward_m_s * math.tan(steering_rad) / base.wheelbase_m
+    """Return the yaw rate of an Ackermann base in rad/s: v tan(d) / (l + |tan(d)| b / 2)."""
+    slope = math.tan(steering_rad)
+    return forward_m_s * slope / (base.wheelbase_m + abs(slope) * base.track_m / 2)
 
 
 def _steered(motion: BaseMotion, base: Base) -> BaseMotion:
@@ -92,5 +97,8 @@ def _steered(motion: BaseMotion, base: Base) -> BaseMotion:
     if forward == 0.0:
         steering = math.copysign(limit, motion.yaw_rad_s) if motion.yaw_rad_s else 0.0
     else:
-        steering = min(max(math.atan(base.wheelbase_m * motion.yaw_rad_s / forward), -limit), limit)
+        curvature = motion.yaw_rad_s / forward
+        beside = 1.0 - abs(curvature) * base.track_m / 2  # 0: the curve's centre lies under the inner wheel
+        wanted = math.atan(base.wheelbase_m * abs(curvature) / beside) if beside > 0.0 else limit
+        steering = math.copysign(min(wanted, limit), curvature)
     return BaseMotion(forward, 0.0, yaw_from_steering(forward, steering, base), steering)

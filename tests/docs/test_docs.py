@@ -9,15 +9,18 @@ import sys
 from pathlib import Path
 
 import pytest
-from doc_pages import PAGES, PROGRAMS, ROOT, blocks, commands, program
+from doc_pages import PAGES, ROOT, blocks, commands, program
 
+from edge_runtime.commands import COMMANDS
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import check_gradient
+from firmware_bridge.can.profile import PROFILES as CAN_PROFILES
+from firmware_bridge.mavlink.profiles import PROFILES as MAVLINK_PROFILES
 
 
-class UnderstoodError(Exception):
+class UnderstoodError(BaseException):
     """A command line was understood; its program need not go on."""
 
 
@@ -49,7 +52,7 @@ def test_every_command_is_understood_by_its_program(line, monkeypatch):
 
 
 def test_the_pages_show_commands_of_every_program():
-    assert set(PROGRAMS.values()) <= {module for module, _ in OWN.values()}
+    assert set(COMMANDS.values()) <= {module for module, _ in OWN.values()}
 
 
 @pytest.mark.parametrize(("page", "robots"), [("team.md", [0, 1]), ("first-robot-can.md", [0])])
@@ -72,6 +75,14 @@ def test_the_objectives_files_load_and_the_own_objective_passes_its_check(tmp_pa
     for code in blocks(page, "python"):
         exec(compile(code, "objective.md", "exec"), names)  # noqa: S102
     assert "worst_error" in capsys.readouterr().out
+
+
+def test_every_profile_has_a_row_and_none_was_tried_on_hardware():
+    page = (ROOT / "docs" / "robots.md").read_text()
+    rows = re.findall(r"^\| (`[^|]*`) \| .* \| (.*) \|$", page, re.MULTILINE)
+    listed = {name for names, _ in rows for name in re.findall(r"`(\w+)`", names)}
+    assert listed == {*(file.stem for file in CAN_PROFILES.glob("*.toml")), *MAVLINK_PROFILES}
+    assert {tried for _, tried in rows} == {"everything"}
 
 
 def test_the_page_lists_every_built_in_objective_with_its_keys_and_which_are_preferences():

@@ -3,18 +3,12 @@
 import re
 import shlex
 
-import msgspec
 from paths import ROOT
 
 from benchmarks.__main__ import COMMANDS as BENCHMARKS
+from edge_runtime.commands import COMMANDS
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-SCRIPTS = msgspec.toml.decode((ROOT / "pyproject.toml").read_bytes())["project"]["scripts"]
-
-
-PROGRAMS = {name: target.partition(":")[0] for name, target in SCRIPTS.items()}
 
 
 OURS = {"benchmarks", "edge_runtime", "export", "firmware_bridge"}
@@ -39,8 +33,8 @@ def program(words):
     """The module behind one of our command lines, and its arguments; None for another project's."""
     name, *rest = words
     name = name.rpartition("/")[2]
-    if name in PROGRAMS:
-        return PROGRAMS[name], rest
+    if name in COMMANDS:
+        return COMMANDS[name], rest
     if rest[:1] != ["-m"] or rest[1].split(".")[0] not in OURS:
         return None
     return (BENCHMARKS[rest[2]], rest[3:]) if rest[1] == "benchmarks" else (rest[1], rest[2:])

@@ -33,6 +33,8 @@ class AgilexChassis(Firmware[Frame]):
         super().__init__(profile.firmware_timeout_s or 0.0, clock)
         self.control_mode = self.vehicle_state = 0
         """As SystemState tells them; whoever writes them is the operator, or the fault."""
+        self.errors: dict[str, float] = {}
+        """Bits of SystemState by their names in the DBC; those not named are 0."""
         self._braked, self._state_due_s = True, 0.0
         database = cantools.database.load_file(path.parent / profile.dbc)
         assert isinstance(database, Database)  # noqa: S101 - for the type checker
@@ -66,7 +68,7 @@ class AgilexChassis(Firmware[Frame]):
         if now_s >= self._state_due_s:
             self._state_due_s = now_s + STATE_PERIOD_S
             modes = {"ControlMode": self.control_mode, "VehicleState": self.vehicle_state}
-            yield _frame(self._system_state, modes)
+            yield _frame(self._system_state, {**modes, **self.errors})
         if self.located and not self.stale:
             yield _frame(self._motion_state, {"Linear": state.forward_m_s, "Angular": state.yaw_rad_s})
             self.on_pose(now_s)

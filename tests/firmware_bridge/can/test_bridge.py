@@ -16,15 +16,19 @@ import pytest
 from can_peers import multicast_address, patient_profile, patient_spec
 from waiting import until
 
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.manifest import ActionField, Body, Manifest
-from firmware_bridge.can.bridge import add_arguments, make_spec, options_from
+from firmware_bridge.can.bridge import add_arguments, make_spec, open_bridge, options_from
 from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.limo import FrameReader, frame_bytes
 from firmware_bridge.can.link import CanOptions
+from firmware_bridge.can.profile import PROFILES, load_profile
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import CommandLimits
 
@@ -43,6 +47,11 @@ MANIFEST = Manifest(
     None,
     {},
 )
+
+
+def mission():
+    fleet = load_fleet(DEFAULT_FLEET)
+    return Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 50.0)
 
 
 def parsed(*flags):
@@ -94,6 +103,24 @@ def test_defaults_are_careful():
 def test_each_mistake_is_told_before_anything_starts(flags, rate_hz, said):
     with pytest.raises(ConfigError, match=said):
         specification(*flags, rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("profile", "what"), [("vesc", "wheel radius, track, pole pairs"), ("odrive_cansimple", "wheel radius")]
+)
+def test_what_no_message_tells_must_be_confirmed_before_it_drives(tmp_path, profile, what):
+    (tmp_path / f"{profile}.dbc").write_bytes((PROFILES / f"{profile}.dbc").read_bytes())
+    copy = tmp_path / "mine.toml"
+    text = (PROFILES / f"{profile}.toml").read_text()
+    copy.write_text(text)
+    with pytest.raises(ConfigError, match=f"mine.toml: confirm: not confirmed: {what}.*set it to true"):
+        open_bridge(mission(), parsed("--profile", str(copy)))
+    copy.write_text(text.replace("= false", "= true"))
+    assert open_bridge(mission(), parsed("--profile", str(copy))).max_speed_m_s == 1.0
+
+
+def test_a_limo_tells_nobody_when_it_stops_by_itself():
+    assert load_profile(PROFILES / "agilex_limo.toml").firmware_timeout_s is None
 
 
 def drive(bridge, velocity, arrived):
@@ -177,7 +204,7 @@ class Limo:
                     self.frames.append(frame)
                     mode = frame.data[0] if frame.frame_id == 0x421 else mode
                     motion = frame.data if frame.frame_id == 0x111 else motion
-            for frame in (Frame(0x211, bytes([0, mode, 0, 110, 0, 0, 1, 0])), Frame(0x221, motion)):
+            for frame in (Frame(0x211, bytes([0, mode, 0, 110, 0, 0, 2, 0])), Frame(0x221, motion)):
                 with contextlib.suppress(BlockingIOError):
                     os.write(self.end, frame_bytes(frame, 0))
 
@@ -185,7 +212,10 @@ class Limo:
 def test_a_limo_drives_sideways_over_its_serial_port():
     with Limo() as limo:
         profile = patient_profile("agilex_limo")
-        with GuardedBridge(patient_spec(limo.port, profile, limits=CommandLimits(1.0, 1.0))) as bridge:
+        spec = patient_spec(
+            limo.port, profile, limits=CommandLimits(1.0, 1.0), allow_unsafe_firmware_timeout=True
+        )
+        with GuardedBridge(spec) as bridge:
             drive(bridge, (0.0, 0.25), lambda state: state.position_m[1] > 0.01)
             assert bridge.read().velocity_m_s == pytest.approx((0.0, 0.25))
         until(lambda: limo.frames[-1] == Frame(0x421, bytes(8)))

@@ -50,6 +50,12 @@ class TestPublishedFrames:
         assert agilex.encode(BaseMotion(0.15)) == (frame(0x111, "00 96 00 00 00 00 00 00"),)
         assert agilex.encode(BaseMotion(0.0, 0.0, 0.05)) == (frame(0x111, "00 00 00 32 00 00 00 00"),)
 
+    def test_hunter_steers(self):
+        # Hunter-2.0 CAN v2.1, examples 1 and 2: 0.15 m/s; 0.2 rad.
+        hunter = codec("agilex_hunter")
+        assert hunter.encode(BaseMotion(0.15)) == (frame(0x111, "00 96 00 00 00 00 00 00"),)
+        assert hunter.encode(BaseMotion(steering_rad=0.2)) == (frame(0x111, "00 00 00 00 00 00 00 C8"),)
+
     def test_agilex_sequences(self):
         profile = load_profile(profile_path("agilex_v2"))
         agilex = codec()
@@ -63,7 +69,7 @@ class TestPublishedFrames:
         state = agilex.decode(frame(0x211, "00 01 00 F1 00 04 00 2A"))
         assert state.values["SystemState.ControlMode"] == 1
         assert state.values["SystemState.BatteryVoltage"] == pytest.approx(24.1)
-        assert state.values["SystemState.ErrorCode"] == 4
+        assert state.values["SystemState.RemoteLost"] == 1
         motion = agilex.decode(frame(0x221, "FF 6A 00 32 00 00 00 00"))
         assert motion.values["MotionState.Linear"] == pytest.approx(-0.15)
         assert motion.values["MotionState.Angular"] == pytest.approx(0.05)
@@ -256,7 +262,7 @@ class TestProfiles:
         assert moved.decode(frame(0x21, "00 00 00 00 08 00 00 00")) is None
 
     def test_unknown_names_list_the_known_ones(self):
-        with pytest.raises(ConfigError, match="agilex_limo, agilex_v2, generic, odrive_cansimple, vesc,"):
+        with pytest.raises(ConfigError, match="agilex_hunter, agilex_limo, agilex_ranger, agilex_v2, "):
             profile_path("scout")
 
     @pytest.mark.parametrize("name", ["odrive_cansimple", "vesc"])

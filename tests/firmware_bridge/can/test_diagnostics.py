@@ -22,6 +22,7 @@ from firmware_bridge.can.diagnostics import (
     queue,
     restart,
     serial_port,
+    setting,
 )
 from firmware_bridge.can.interface import parse_interface
 from firmware_bridge.can.link import make_link
@@ -184,6 +185,28 @@ def test_a_chassis_with_a_fault(address, listen):
     )
 
 
+def test_a_chassis_that_warns(address, listen):
+    with Chassis(address) as chassis:
+        chassis.errors = {"BatteryLow": 1}
+        found = listen(arm=True)
+    assert found.verdict is Verdict.WARN
+    assert "the firmware warns (SystemState.BatteryLow = 1)" in found.detail
+
+
+def test_what_nobody_has_confirmed_is_named():
+    assert setting("the wheels' radius", confirmed=True).verdict is Verdict.OK
+    found = setting("the wheels' radius", confirmed=False)
+    assert (found.verdict, found.detail) == (Verdict.FAIL, "not confirmed: the wheels' radius")
+    assert "set it to true" in found.remedy
+
+
+def test_a_vescs_settings_are_findings_each(tmp_path):
+    flags = CanFlags("udp_multicast:239.75.1.1?port=43200", "vesc", GuardFlags())
+    found = [f for f in examine_link(mission(tmp_path), flags) if f.name == "setting"]
+    assert [f.verdict for f in found] == [Verdict.FAIL] * 3
+    assert "Minimum ERPM is 0" in found[1].detail
+
+
 def test_silence_is_bounded(listen):
     began = time.monotonic()
     found = listen(arm=True, seconds=0.1)
@@ -196,9 +219,14 @@ def test_a_bus_that_cannot_be_opened():
     assert examine("feedback", lambda: feedback(link, arm=True)).verdict is Verdict.FAIL
 
 
+def mission(folder):
+    (folder / "alone.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
+    fleet = load_fleet(folder / "alone.toml")
+    return Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 50.0)
+
+
 def test_a_limo_is_looked_for_at_its_port(tmp_path):
-    (tmp_path / "alone.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
-    fleet = load_fleet(tmp_path / "alone.toml")
-    mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 50.0)
-    found = next(examine_link(mission, CanFlags(str(tmp_path / "ttyTHS1"), "agilex_limo", GuardFlags())))
+    found = next(
+        examine_link(mission(tmp_path), CanFlags(str(tmp_path / "ttyTHS1"), "agilex_limo", GuardFlags()))
+    )
     assert (found.name, found.verdict) == ("serial port", Verdict.FAIL)

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from can_peers import guard_spec
 
-import firmware_bridge.can.odrive as odrive_module
+import firmware_bridge.can.asking as asking
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
@@ -86,7 +86,7 @@ def drives():
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(odrive_module, "ANSWER_S", 0.01)
+    monkeypatch.setattr(asking, "ANSWER_S", 0.01)
 
 
 def test_off_as_it_leaves_the_factory_is_told_and_nothing_is_set(drives):
@@ -229,5 +229,5 @@ def test_a_timeout_in_the_profile_beside_it_is_refused(profile_file):
     profile_file.write_text(
         profile_file.read_text().replace("recoveries", "firmware_timeout_s = 0.5\nrecoveries")
     )
-    with pytest.raises(ConfigError, match="leave `firmware_timeout_s` out"):
+    with pytest.raises(ConfigError, match="give one of `firmware_timeout_s`, `watchdog` and `vesc`"):
         load_profile(profile_file)

@@ -57,6 +57,28 @@ def test_cars_steer_to_the_asked_curve():
     assert motion.steering_rad == pytest.approx(math.atan(0.5 * (0.1 / 0.3) / 0.5))
 
 
+INNER = msgspec.structs.replace(CAR, track_m=0.4)
+
+
+@given(st.floats(0.01, 1), component)
+def test_where_the_inner_wheels_angle_is_told_the_middle_takes_the_curve(x, y):
+    """From the geometry: the inner wheel's turning centre lies half a track nearer than the middle's."""
+    motion = motion_for((x, y), 0.0, INNER)
+    assert yaw_from_steering(motion.forward_m_s, motion.steering_rad, INNER) == pytest.approx(
+        motion.yaw_rad_s
+    )
+    assert abs(motion.steering_rad) <= 0.6
+    if abs(motion.steering_rad) > 1e-6:
+        radius = 0.5 / math.tan(abs(motion.steering_rad)) + 0.2
+        assert abs(motion.yaw_rad_s) == pytest.approx(motion.forward_m_s / radius)
+
+
+def test_a_curve_about_the_inner_wheel_is_the_sharpest():
+    sharp = msgspec.structs.replace(INNER, max_yaw_rad_s=math.inf, lookahead_m=0.01)
+    assert motion_for((0.1, 0.1), 0.0, sharp).steering_rad == 0.6
+    assert motion_for((-0.1, 0.1), 0.0, sharp).steering_rad == -0.6
+
+
 def test_standing_cars_only_turn_their_wheels():
     assert motion_for((0.0, 0.1), 0.0, CAR) == BaseMotion(0.0, 0.0, 0.0, 0.6)
     assert motion_for((0.0, -0.1), 0.0, CAR) == BaseMotion(0.0, 0.0, 0.0, -0.6)
@@ -78,6 +100,7 @@ def test_the_reference_point():
         ({"kind": "differential", "sideways": "lookahead"}, "lookahead_m"),
         ({"kind": "ackermann", "wheelbase_m": 1.0}, "max_steering_rad"),
         ({"kind": "omnidirectional", "max_yaw_rad_s": 0.0}, "max_yaw_rad_s"),
+        ({"kind": "omnidirectional", "track_m": -0.1}, "track_m"),
         ({"kind": "hover"}, "kind"),
     ],
 )
