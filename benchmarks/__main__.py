@@ -7,13 +7,17 @@ from collections.abc import Sequence
 from edge_runtime.common.command_line import command
 
 COMMANDS = {
+    "ablation": "benchmarks.paper.ablation.ablation_command",
+    "calibration": "benchmarks.paper.calibration",
+    "curves": "benchmarks.paper.curves",
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
-    "sil": "benchmarks.sil.sil_command",
+    "modes": "benchmarks.paper.modes.modes_command",
     "page": "benchmarks.result_page",
-    "pictures": "benchmarks.pictures",
     "paper": "benchmarks.paper.paper_command",
+    "pictures": "benchmarks.pictures",
     "recording": "benchmarks.recording",
+    "sil": "benchmarks.sil.sil_command",
 }
 
 

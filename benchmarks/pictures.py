@@ -1,150 +1,91 @@
 """The moving pictures of the README: the same episode of a task, left alone and guided, side by side.
 
-One row of `PICTURES` a task. The episode is the first one that the tuned default satisfies, shown until
-it has.
+The packaged policies drive. The episode is the first that the tuned default satisfies, until it has.
 """
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
-from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
-from benchmarks.paper.judges import Flags, motion
-from benchmarks.paper.methods import unguided
+from benchmarks.paper.rows import Setting
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.tuning import chosen, read_tuned
+from benchmarks.paper.tracks import SETTING, Track, follow
+from benchmarks.paper.tuning import tuned_default
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import ConfigError
-from edge_runtime.objectives import Geofence, SafetyMargin, SpeedLimit
-from edge_runtime.policy.bundle import Bundle, packaged_bundle
+from edge_runtime.objectives import Geofence, Objective, SafetyMargin, SpeedLimit
+from edge_runtime.policy.bundle import packaged_bundle
+from edge_runtime.policy.manifest import Manifest
 from edge_runtime.tools.report.page.animation import Load, Scene, animate, check_target
 from edge_runtime.tools.report.page.arena import Circle
 from export.scenarios.balance_starts import LINE_LENGTH_M, PACKAGE_RADIUS_M
-from export.scenarios.scenario import Scenario
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
-SETTING = Setting(episodes=10, seed=3)
-
-
-class Picture(msgspec.Struct, frozen=True):
-    """How one task is shown."""
-
-    task: str
-    """Driven by the packaged policy of its name."""
-    seconds: float
-    """Longest time shown."""
-
-
-PICTURES = {
-    picture.task: picture
-    for picture in (
-        Picture("navigation", 12.0),
-        Picture("balance", 30.0),
-        Picture("sampling", 15.0),
-    )
-}
+LONGEST_S = {"navigation": 12.0, "balance": 30.0, "sampling": 15.0}
+"""Shown of each task."""
 
 
 def main(arguments: Sequence[str]) -> int:
     """Draw the pictures that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks pictures", description=__doc__)
-    parser.add_argument("tasks", nargs="*", metavar="TASK",
-                        help=f"any of {', '.join(PICTURES)} (default: all)")  # fmt: skip
+    names = ", ".join(LONGEST_S)
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {names} (default: all)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="where the pictures go")
     options = parser.parse_args(arguments)
-    if unknown := [name for name in options.tasks if name not in PICTURES]:
-        raise ConfigError(f"unknown task {unknown[0]!r}: choose from {', '.join(PICTURES)}")
+    if unknown := [name for name in options.tasks if name not in LONGEST_S]:
+        raise ConfigError(f"unknown task {unknown[0]!r}: choose from {names}")
     options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.tasks or PICTURES:
+    for name in options.tasks or LONGEST_S:
         path = options.out / f"{name}.gif"
         check_target(path)
-        draw(PICTURES[name], path)
+        draw(name, path)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
     return 0
 
 
-def draw(picture: Picture, path: Path, setting: Setting = SETTING) -> None:
+def draw(name: str, path: Path, setting: Setting = SETTING) -> None:
     """Draw one task."""
-    bundle = packaged_bundle(picture.task)
-    task = TASKS[picture.task]
-    who = chosen(read_tuned(), task, "CFPG")
-    with_guidance, alone = who.make(bundle), unguided(bundle, start_noise=1.0)
-    satisfied, after = _follow(picture, with_guidance, setting)
-    _, before = _follow(picture, alone, setting)
-    lengths = 1 + np.sum(after.running, 0)
-    episode = int(np.argmax(satisfied))
-    shown = min(round(picture.seconds / bundle.manifest.dynamics.dt_s), int(lengths[episode]))
+    bundle, task = packaged_bundle(name), TASKS[name]
+    longest = round(LONGEST_S[name] / bundle.manifest.dynamics.dt_s)
+    tracks = follow(task, tuned_default(name), bundle, setting, longest)
+    titles = ("without guidance", "with guidance")
     scenes = [
-        _scene(picture, bundle, title, tracks, episode, shown)
-        for title, tracks in (("without guidance", before), ("with guidance", after))
+        _scene(title, track, bundle.manifest, task.objectives)
+        for title, track in zip(titles, tracks, strict=True)
     ]
     animate(scenes, path)
 
 
-class _Tracks:
-    """What is seen of every episode before each of its steps."""
-
-    def __init__(self) -> None:
-        self.position: list[Floats] = []
-        self.velocity: list[Floats] = []
-        self.goals: Floats | None = None
-        self.package: list[Floats] = []
-        self.beam: list[Floats] = []
-        self.running: list[Flags] = []
-
-    def watch(self, world: Scenario, running: Flags) -> None:
-        """Note where everybody is, and what they carry."""
-        position, velocity = motion(world)
-        state = world.state_dict()
-        if not self.position and "goal" in state:
-            self.goals = state["goal"].double().numpy().copy()
-        if "line" in state:
-            self.package.append(state["package"].double().numpy())
-            self.beam.append(_beam_ends(state["line"].double().numpy(), state["line_angle"].double().numpy()))
-        self.position.append(position.copy())
-        self.velocity.append(velocity.copy())
-        self.running.append(running.copy())
-
-
-def _beam_ends(centre: Floats, angle: Floats) -> Floats:
-    """Both ends (E, 2, 2) of beams with centres (E, 2) and inclinations (E, 1)."""
-    half = 0.5 * LINE_LENGTH_M * np.concatenate([np.cos(angle), np.sin(angle)], -1)
-    return np.stack([centre - half, centre + half], 1)
-
-
-def _load(tracks: _Tracks, shown: int, episode: int) -> Load | None:
-    if tracks.goals is None or not tracks.beam:
-        return None
-    package, beam = (np.stack(each)[:shown, episode] for each in (tracks.package, tracks.beam))
-    x, y = tracks.goals[episode].tolist()
-    return Load(package, PACKAGE_RADIUS_M, beam, (x, y))
-
-
-def _follow(picture: Picture, make: MakeDecide, setting: Setting) -> tuple[np.ndarray, _Tracks]:
-    tracks = _Tracks()
-    outcome = run_episodes(TASKS[picture.task], make, setting, watch=tracks.watch)
-    return outcome.satisfied, tracks
-
-
-def _scene(picture: Picture, bundle: Bundle, title: str, tracks: _Tracks, episode: int, shown: int) -> Scene:
-    manifest = bundle.manifest
-    position = np.stack(tracks.position)[:shown, episode]
-    goals = [] if tracks.goals is None or tracks.goals.ndim != 3 else tracks.goals[episode].tolist()
-    asked = TASKS[picture.task].objectives
+def _scene(title: str, track: Track, manifest: Manifest, asked: Sequence[Objective]) -> Scene:
+    goal, load = track.state("goal"), _load(track)
     return Scene(
         title=title,
         period_s=manifest.dynamics.dt_s,
-        position_m=position,
-        velocity_m_s=np.stack(tracks.velocity)[:shown, episode],
-        goals_m=goals,
+        position_m=track.position,
+        velocity_m_s=track.velocity,
+        goals_m=[] if goal is None or load else goal[0].tolist(),
         radius_m=manifest.body.radius_m,
         speed_limit_m_s=min((each.limit_m_s for each in asked if isinstance(each, SpeedLimit)), default=None),
         margin_m=max((each.distance_m for each in asked if isinstance(each, SafetyMargin)), default=None),
-        load=_load(tracks, shown, episode),
+        load=load,
         circles=[
             Circle(each.centre_m, each.radius_m, each.name) for each in asked if isinstance(each, Geofence)
         ],
     )
+
+
+def _load(track: Track) -> Load | None:
+    """What Balance's robots carry, and where to; None elsewhere."""
+    package, goal, line, angle = (track.state(name) for name in ("package", "goal", "line", "line_angle"))
+    if package is None or goal is None or line is None or angle is None:
+        return None
+    x, y = goal[0].tolist()
+    return Load(package, PACKAGE_RADIUS_M, _beam_ends(line, angle), (x, y))
+
+
+def _beam_ends(centre: Floats, angle: Floats) -> Floats:
+    """Both ends (S, 2, 2) of beams with centres (S, 2) and inclinations (S, 1)."""
+    half = 0.5 * LINE_LENGTH_M * np.concatenate([np.cos(angle), np.sin(angle)], -1)
+    return np.stack([centre - half, centre + half], 1)

@@ -102,6 +102,12 @@ def make_page(
     return Page(title, subtitle, verdicts, [Section(name, items) for name, items in sections if items])
 
 
+def page(title: str, command: str, *parts: str) -> str:
+    """Return the Markdown of a whole page, less what is empty."""
+    written = f"Written by `python -m benchmarks {command}`."
+    return "\n\n".join([f"# {title}", written, *filter(None, parts)]) + "\n"
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown; all columns but the first hold numbers."""
     rule = ["---", *["--:"] * (len(header) - 1)]

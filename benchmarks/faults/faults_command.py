@@ -16,13 +16,13 @@ from pathlib import Path
 import msgspec
 from rich.progress import Progress
 
-from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import CanRobot, MavlinkRobot
 from benchmarks.faults.rows import FaultRow, draw, measured, read_rows, render, table, timed
 from benchmarks.faults.trials import FAULTS, Fault, Stop, run_trial, undisturbed
+from benchmarks.result_file import replaced
 from benchmarks.result_page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"

@@ -11,35 +11,16 @@ Both start from the action a_0 that a trained MAPPO policy predicts; a(k) below 
 
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 
+from benchmarks.paper.settings import Descent, Shield
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide
 from export.evaluation.guidance import action_slopes
 from export.evaluation.outlook import OutlookBatch
 
 
-class DescentSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Constants of projected gradient descent."""
-
-    radius: float = 0.5
-    """rho, in units of the action."""
-    rate: float = 0.3
-    """alpha; 1 is a full Newton step of one objective."""
-    steps: int = 20
-
-
-class ShieldSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Constants of shielding."""
-
-    rounds: int = 1
-    """Of projections onto every objective's safe set in turn."""
-
-
-def descend(
-    settings: DescentSettings, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]
-) -> Floats:
+def descend(settings: Descent, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]) -> Floats:
     """Projected gradient descent from actions (B, 2)."""
     moved, factors = action.copy(), np.array(guide.factors)
     for _ in range(settings.steps):
@@ -50,9 +31,7 @@ def descend(
     return moved
 
 
-def shield(
-    settings: ShieldSettings, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]
-) -> Floats:
+def shield(settings: Shield, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]) -> Floats:
     """Move actions (B, 2) onto the safe set."""
     moved = action.copy()
     for _ in range(settings.rounds):

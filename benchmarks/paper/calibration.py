@@ -1,10 +1,8 @@
-"""Choosing what the paper leaves open on the baselines alone, before CFPG is evaluated.
+"""``python -m benchmarks calibration``: what the paper leaves open, chosen on the baselines alone.
 
 Every candidate definition of a task is played by MAPPO+PGD and MAPPO+SHLD; the one whose figures come
 nearest to the paper's own rows of the two, in units of `SCALES`, is frozen in
-``export/scenarios/definitions.py``:
-
-    python -m benchmarks.paper.calibration navigation --policies runs
+``export/scenarios/definitions.py``.
 
 The paper does not say how far its projected gradient descent may move an action, so each definition is
 weighed with the radius that suits it best. Only definitions are weighed that leave room to satisfy them,
@@ -32,19 +30,21 @@ import numpy as np
 import torch
 from msgspec import structs
 
-from benchmarks.paper.baselines import DescentSettings, ShieldSettings
-from benchmarks.paper.contestants import descent, shielded
-from benchmarks.paper.episodes import Setting, run_episodes
+from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.judges import Flags, Judge, Outcome
-from benchmarks.paper.policies import POLICIES, load_policy
-from benchmarks.paper.tables import markdown
-from benchmarks.paper.tasks import Task, balance, navigation, sampling
-from edge_runtime.policy.bundle import Bundle
-from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
+from benchmarks.paper.methods import decider
+from benchmarks.paper.policies import POLICIES, find_policy
+from benchmarks.paper.rows import Setting
+from benchmarks.paper.settings import Descent, Shield
+from benchmarks.paper.tasks import Task, make_task
+from benchmarks.result_file import write_result
+from benchmarks.result_page import table
+from edge_runtime.policy.bundle import Bundle, load_bundle
+from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING, Definition
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, SPAWN_DISTANCE_M
 from export.scenarios.scenario import Scenario, Transition
 
-SETTING = Setting(episodes=100, seed=800)
+SETTING = Setting(episodes=100, episodes_seed=800)
 RADII = (0.25, 0.5, 1.0, 2.0)
 """How far projected gradient descent may move an action."""
 LONGEST_WAY_M = 2 * math.sqrt(2) * ARENA_HALF_WIDTH_M
@@ -100,7 +100,7 @@ class Panel:
         return Outcome(*(np.stack([getattr(one, name) for one in outcomes], 1) for name in names))
 
 
-Group = list[tuple[str, Task]]
+Group = list[tuple[str, Definition]]
 """Definitions that ask the same of the robots and judge it differently, by their labels."""
 
 
@@ -116,7 +116,7 @@ def navigation_groups() -> Iterator[Group]:
         )
         label = f"limit {limit} m/s, margin {margin} m, {steps} steps"
         yield [
-            (f"{label}, tolerance {share:.0%}", navigation(replace(asked, tolerance=share)))
+            (f"{label}, tolerance {share:.0%}", replace(asked, tolerance=share))
             for share in (0.05, 0.1, 0.25, 0.5)
             if margin <= SPAWN_DISTANCE_M or share >= 0.1
         ]
@@ -133,7 +133,7 @@ def balance_groups() -> Iterator[Group]:
         )
         label = f"spacing {spacing} m, pull {pull:g}, {steps} steps"
         yield [
-            (f"{label}, tolerance {off} m", balance(replace(asked, spacing_tolerance_m=off)))
+            (f"{label}, tolerance {off} m", replace(asked, spacing_tolerance_m=off))
             for off in (0.01, 0.02, 0.03, 0.05)
         ]
 
@@ -141,18 +141,19 @@ def balance_groups() -> Iterator[Group]:
 def sampling_groups() -> Iterator[Group]:
     """Fences, cluster radii and lengths of episodes, each with several tolerances."""
     for fence, buffer, radius, steps in product((0.2, 0.3), (0.02, 0.05), (0.2, 0.3), (100, 150)):
+        enough = SAMPLES_PER_STEP * steps
         asked = replace(
             SAMPLING,
             geofence=structs.replace(SAMPLING.geofence, radius_m=fence, buffer_m=buffer),
             clustering=structs.replace(SAMPLING.clustering, radius_m=radius),
             steps=steps,
+            enough_samples=enough,
         )
-        label = f"fence {fence} + {buffer} m, cluster {radius} m, {steps} steps"
-        enough = SAMPLES_PER_STEP * steps
+        label = f"fence {fence} + {buffer} m, cluster {radius} m, {steps} steps, {enough:g} samples"
         yield [
             (
-                f"{label}, {enough:g} samples, tolerance {share:.0%} and {off} m",
-                sampling(replace(asked, enough_samples=enough, tolerance=share, cluster_tolerance_m=off)),
+                f"{label}, tolerance {share:.0%} and {off} m",
+                replace(asked, tolerance=share, cluster_tolerance_m=off),
             )
             for share, off in product((0.05, 0.25), (0.1, 0.15))
         ]
@@ -161,20 +162,20 @@ def sampling_groups() -> Iterator[Group]:
 GROUPS = {"navigation": navigation_groups, "balance": balance_groups, "sampling": sampling_groups}
 
 
-def weigh(group: Group, bundle: Bundle) -> list[Candidate]:
+def weigh(name: str, group: Group, bundle: Bundle) -> list[Candidate]:
     """Play what a group asks by both baselines, once for all its definitions."""
-    task = replace(group[0][1], judge=lambda count: Panel([task.judge(count) for _, task in group]))
-    descents = [descent(task, DescentSettings(radius=radius)) for radius in RADII]
+    tasks = [make_task(name, definition) for _, definition in group]
+    task = replace(tasks[0], judge=lambda count: Panel([each.judge(count) for each in tasks]))
     *descended, shielding = (
-        _figures(task, run_episodes(task, who.make(bundle), SETTING))
-        for who in (*descents, shielded(task, ShieldSettings()))
+        _figures(task, run_episodes(task, decider(task, settings, bundle), SETTING))
+        for settings in (*(Descent(radius=radius) for radius in RADII), Shield())
     )
     weighed = []
     for j, (label, _) in enumerate(group):
         tried = [
             Candidate(f"{label}, radius {radius:g}", figures[j], shielding[j], off)
             for radius, figures in zip(RADII, descended, strict=True)
-            for off in [distance(task.name, (figures[j], shielding[j]))]
+            for off in [distance(name, (figures[j], shielding[j]))]
         ]
         weighed.append(min(tried, key=lambda candidate: candidate.distance))
     return weighed
@@ -186,20 +187,22 @@ def distance(task: str, figures: Sequence[Sequence[float]]) -> float:
     return float(np.sqrt(np.square(off).mean()))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Weigh all candidates of a task; writes them with the nearest first."""
-    options = _parse(arguments)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks calibration", description=__doc__)
+    parser.add_argument("task", choices=list(GROUPS))
+    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
+    options = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    bundle = load_policy(options.policies, options.task, "mappo", seed=0)
+    bundle = load_bundle(find_policy(options.policies, options.task, "mappo", seed=0))
     weighed: list[Candidate] = []
     for group in GROUPS[options.task]():
-        weighed += weigh(group, bundle)
+        weighed += weigh(options.task, group, bundle)
         print(f"{weighed[-1].label}: {weighed[-1].distance:.2f}", file=sys.stderr, flush=True)
     weighed.sort(key=lambda candidate: candidate.distance)
-    path = RESULTS / f"calibration_{options.task}.json"
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(weighed), indent=1) + b"\n")
+    write_result(RESULTS / f"calibration_{options.task}.json", weighed)
     lines = [[c.label, _cells(c.descent), _cells(c.shield), f"{c.distance:.2f}"] for c in weighed[:10]]
-    print(markdown(["definition", "MAPPO+PGD", "MAPPO+SHLD", "distance"], lines))
+    print(table(["definition", "MAPPO+PGD", "MAPPO+SHLD", "distance"], lines))
     return 0
 
 
@@ -207,20 +210,9 @@ def _figures(task: Task, outcome: Outcome) -> list[tuple[float, ...]]:
     """Each judge's four figures, as in the paper's tables."""
     factors = np.array([*(metric.factor for metric in task.metrics), 100.0])
     columns = (outcome.nominal, outcome.first, outcome.second, outcome.satisfied)
-    table = factors[:, None] * np.array([column.mean(0) for column in columns])
-    return [tuple(figures) for figures in table.T.tolist()]
+    shown = factors[:, None] * np.array([column.mean(0) for column in columns])
+    return [tuple(figures) for figures in shown.T.tolist()]
 
 
 def _cells(figures: Sequence[float]) -> str:
     return ", ".join(f"{value:.3g}" for value in figures)
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.calibration", description=__doc__)
-    parser.add_argument("task", choices=list(GROUPS))
-    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
-    return parser.parse_args(arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,14 +1,11 @@
-"""Learning curves of the algorithms over five seeds, from the runs that ``export.train_all`` left.
+"""``python -m benchmarks curves``: the algorithms' learning, from the runs that ``export.train_all`` left.
 
-    python -m benchmarks.paper.curves --runs runs
-
-writes the validated points to ``benchmarks/results/paper/curves.csv`` and draws them beside it: the mean over
-seeds, and the range between the worst and the best.
+Writes the validated points to ``benchmarks/results/paper/curves.csv`` and draws them beside it: the mean over
+five seeds, and the range between the worst and the best.
 """
 
 import argparse
 import csv
-import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +15,6 @@ import matplotlib as mpl
 import numpy as np
 
 from benchmarks.paper.tasks import TASKS
-from edge_runtime.common.command_line import command
 from edge_runtime.errors import ConfigError
 
 mpl.use("Agg")
@@ -86,19 +82,13 @@ def draw(points: Sequence[Point], path: Path) -> None:
     plt.close(figure)
 
 
-@command("curves")
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Read, write, draw; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.curves", description=__doc__)
+def main(arguments: Sequence[str]) -> int:
+    """Read, write, draw; returns 0."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks curves", description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR")
-    options = parser.parse_args(arguments)
-    points = read_points(options.runs)
+    points = read_points(parser.parse_args(arguments).runs)
     OUT.mkdir(parents=True, exist_ok=True)
     with (OUT / "curves.csv").open("w", newline="") as file:
         csv.writer(file).writerows([Point._fields, *points])
     draw(points, OUT / "curves.png")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

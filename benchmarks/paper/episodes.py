@@ -5,89 +5,75 @@ and the actions that they commanded last, and guides its own flow. Only the loop
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
-from benchmarks.paper.judges import Flags, Outcome, motion
-from benchmarks.paper.masses import set_masses
+from benchmarks.paper.judges import Flags, Follower, Outcome, motion
+from benchmarks.paper.methods import MakeDecide
 from benchmarks.paper.neighbourhood import Neighbourhood
+from benchmarks.paper.rows import Setting
 from benchmarks.paper.tasks import Task
-from edge_runtime.common.arrays import Floats
-from export.evaluation.outlook import TeamBatch
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Scenario
 
 CHUNK = 500
 """Episodes that run side by side."""
 
-Decide = Callable[[npt.NDArray[np.float32], TeamBatch, np.random.Generator], Floats]
-"""Observations (B, O) and views of B robots, and a generator of noise -> actions (B, 2)."""
-MakeDecide = Callable[[int], Decide]
-"""Prepares the decisions of B robots."""
 Watch = Callable[[Scenario, Flags], None]
 """Sees the scenario before every control step, and which of its episodes (E,) are not over."""
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Which episodes, and what the robots hear of each other."""
-
-    episodes: int
-    seed: int
-    """Of starts, goals, noise and lost messages."""
-    neighbours: int | None = None
-    """K, the nearest at every step; None for all."""
-    loss: float = 0.0
-    """Share of the messages lost."""
-    masses_kg: tuple[float, ...] | None = None
-    """Of Navigation's robots; None for the task's own."""
+def _nobody(_world: Scenario, _running: Flags) -> None:
+    """Look away."""
 
 
-def run_episodes(
-    task: Task,
-    make_decide: MakeDecide,
-    setting: Setting,
-    progress: Callable[[int], None] = lambda _: None,
-    watch: Watch = lambda _world, _running: None,
-) -> Outcome:
+def run_episodes(task: Task, make_decide: MakeDecide, setting: Setting, watch: Watch = _nobody) -> Outcome:
     """Run and judge fresh episodes.
 
     Args:
         task: what is played.
         make_decide: who plays.
         setting: how often, and from which seed.
-        progress: called with the number of episodes just finished.
         watch: looks on.
     """
-    chunks = []
+    outcomes = []
     for first in range(0, setting.episodes, CHUNK):
-        count = min(CHUNK, setting.episodes - first)
-        chunks.append(_run_chunk(task, make_decide, setting, count, setting.seed * 10_000 + first, watch))
-        progress(count)
+        count, seed = min(CHUNK, setting.episodes - first), setting.episodes_seed * 10_000 + first
+        world = make_scenario(task.name, count, seed, torch.device("cpu"), training=False)
+        judge = task.judge(count)
+        play(world, make_decide, judge, setting, task.steps, seed, watch)
+        outcomes.append(judge.outcome())
     names = [field.name for field in fields(Outcome)]
-    return Outcome(*(np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names))
+    return Outcome(*(np.concatenate([getattr(one, name) for one in outcomes]) for name in names))
 
 
-def _run_chunk(
-    task: Task,
+def play(
+    world: Scenario,
     make_decide: MakeDecide,
+    judge: Follower,
     setting: Setting,
-    count: int,
+    steps: int,
     seed: int,
-    watch: Watch,
-) -> Outcome:
-    world = make_scenario(task.name, count, seed, torch.device("cpu"), training=False)
-    if setting.masses_kg is not None:
-        set_masses(world, setting.masses_kg)
-    robots, draw = world.facts.robots, np.random.default_rng(seed)
-    neighbourhood = Neighbourhood(count, robots, setting.neighbours, setting.loss, draw)
-    decide, judge = make_decide(count * robots), task.judge(count)
+    watch: Watch = _nobody,
+) -> None:
+    """Run the episodes of a world until their judge has seen enough, for ``steps`` at most.
+
+    Args:
+        world: E teams of N robots at the start of their episodes.
+        make_decide: who plays.
+        judge: follows.
+        setting: what robots hear of each other.
+        steps: time limit.
+        seed: of noise and lost messages.
+        watch: looks on.
+    """
+    count, robots, draw = world.environments, world.facts.robots, np.random.default_rng(seed)
+    neighbourhood, decide = Neighbourhood(count, robots, setting, draw), make_decide(count * robots)
     low, high = ([getattr(field, end) for field in world.facts.action] for end in ("low", "high"))
     action = np.zeros((count, robots, 2))
-    for _ in range(task.steps):
+    for _ in range(steps):
         watch(world, judge.running)
         views = neighbourhood.views(*motion(world), action)
         observation = world.observe().flatten(0, 1).numpy()
@@ -95,4 +81,3 @@ def _run_chunk(
         judge.add(world, world.step(torch.from_numpy(action).float()))
         if not judge.running.any():
             break
-    return judge.outcome()

@@ -2,42 +2,47 @@
 
 import hashlib
 import subprocess
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import torch
+from rich.progress import Progress
 
-from benchmarks.paper.contestants import Contestant
-from benchmarks.paper.episodes import Setting, run_episodes
+from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.frequency import control_frequency
-from benchmarks.paper.policies import digest, load_policy
-from benchmarks.paper.rows import Key, Row, make_row
+from benchmarks.paper.methods import decider
+from benchmarks.paper.policies import digest, find_policy
+from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.tasks import TASKS
-from export.scenarios import definitions
+from benchmarks.result_file import read_result, write_result
+from edge_runtime.policy.bundle import load_bundle
+from export.scenarios.definitions import DEFINITIONS
 
 EVALUATION_SEED = 2
 """Of starts, goals and noise that nothing was chosen by; tuning uses others."""
 
 
-@dataclass(frozen=True)
-class Question:
-    """What one row is to answer."""
+def evaluate(questions: Sequence[Question], path: Path, policies: Path, jobs: int) -> list[Row]:
+    """Answer what a file of rows does not, and return the rows that answer these questions, in their order.
 
-    task: str
-    who: Contestant
-    seed: int
-    """Of the policy's training."""
-    episodes: int
-    euler_steps: int | None = None
-    """T; None for the policy's own."""
-    neighbours: int | None = None
-    """K, the nearest at every step; None for all."""
-    loss: float = 0.0
-    """Share of the messages lost."""
-    masses_kg: tuple[float, ...] | None = None
-    """Of Navigation's robots; None for the task's own. The contestant's mode must tell them apart."""
+    The file is written after each row, so that an interruption loses little, and keeps what it held, such as
+    rows of other settings or definitions.
+
+    Raises:
+        ConfigError: if a policy is missing, or the file holds something else or cannot be written.
+    """
+    rows = read_result(path, list[Row], default=[])
+    with Progress(disable=not sys.stderr.isatty()) as progress:
+        bar = progress.add_task("rows", total=len(questions))
+        for row in answer_all(questions, policies, jobs, rows):
+            rows.append(row)
+            write_result(path, rows)
+            progress.advance(bar)
+    known = {row.key: row for row in rows}
+    return [known[key(question, policies)] for question in questions]
 
 
 def key(question: Question, policies: Path) -> Key:
@@ -46,35 +51,17 @@ def key(question: Question, policies: Path) -> Key:
     Raises:
         ConfigError: if the policy is missing.
     """
-    who = question.who
-    bundle = load_policy(policies, question.task, who.algorithm, question.seed)
-    return Key(
-        question.task,
-        who.method,
-        who.mode,
-        question.seed,
-        question.episodes,
-        EVALUATION_SEED,
-        question.euler_steps,
-        question.neighbours,
-        question.loss,
-        digest(bundle),
-        definitions_digest(),
-    )
+    return Key(question, digest(_policy(question, policies)), definition_digest(question.task))
 
 
 def answer(question: Question, policies: Path) -> Row:
     """Run its episodes."""
     torch.set_num_threads(1)
-    task, who, steps = TASKS[question.task], question.who, question.euler_steps
-    bundle = load_policy(policies, question.task, who.algorithm, question.seed)
-    make = who.make(bundle) if steps is None else who.make(bundle, euler_steps=steps)
-    setting = Setting(
-        question.episodes, EVALUATION_SEED, question.neighbours, question.loss, question.masses_kg
-    )
-    outcome = run_episodes(task, make, setting)
+    task, steps = TASKS[question.task], question.euler_steps
+    bundle = load_bundle(_policy(question, policies))
+    outcome = run_episodes(task, decider(task, question.settings, bundle, steps), question)
     hz = None if steps is None else control_frequency(task, bundle, steps)
-    return make_row(task, outcome, key(question, policies), commit(), hz)
+    return make_row(key(question, policies), outcome, commit(), hz)
 
 
 def answer_all(
@@ -92,9 +79,9 @@ def answer_all(
             pool.shutdown(cancel_futures=True)
 
 
-def definitions_digest() -> str:
-    """The first half of the SHA-256 of the file that defines the tasks."""
-    return hashlib.sha256(Path(definitions.__file__).read_bytes()).hexdigest()[:32]
+def definition_digest(task: str) -> str:
+    """The first half of the SHA-256 of what defines a task."""
+    return hashlib.sha256(msgspec.json.encode(DEFINITIONS[task])).hexdigest()[:32]
 
 
 def commit() -> str:
@@ -102,3 +89,7 @@ def commit() -> str:
     line = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short=12", "HEAD"]
     done = subprocess.run(line, capture_output=True, text=True, check=False)  # noqa: S603
     return done.stdout.strip()
+
+
+def _policy(question: Question, policies: Path) -> Path:
+    return find_policy(policies, question.task, question.settings.algorithm(question.task), question.seed)

@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 from benchmarks.paper.rows import Row
+from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
 
 mpl.use("Agg")
@@ -24,8 +25,12 @@ def draw_scales(rows: Sequence[Row], path: Path) -> None:
     figure, axes = _panels()
     for panel, task in zip(axes, TASKS, strict=True):
         for method, (label, colour, dash) in STYLES.items():
-            own = [row for row in rows if (row.task, row.method, row.euler_steps) == (task, method, None)]
-            points = sorted((_scale(row), row.multi_objective_success) for row in own)
+            points = sorted(
+                (row.settings.guidance.scale, row.multi_objective_success)
+                for row in rows
+                if (row.task, row.method, row.euler_steps) == (task, method, None)
+                and isinstance(row.settings, Guided)
+            )
             if points:
                 panel.plot(*zip(*points, strict=True), dash, color=colour, marker="o", ms=4, label=label)
         panel.set(title=task, xscale="log", xlabel="guidance scale eta", ylim=(-3, 103))
@@ -58,9 +63,3 @@ def draw_steps(rows: Sequence[Row], path: Path) -> None:
 
 def _panels() -> tuple[plt.Figure, Sequence[Axes]]:
     return plt.subplots(1, len(TASKS), figsize=(13, 3.8), layout="constrained")
-
-
-def _scale(row: Row) -> float:
-    """The eta that a guided row's mode names."""
-    words = dict(word.split(" ", 1) for word in row.mode.split(", ")[1:])
-    return float(words["eta"])

@@ -33,7 +33,7 @@ class Outcome:
     """(E,): all three objectives at once."""
 
 
-class Judge(Protocol):
+class Follower(Protocol):
     """Follows E episodes."""
 
     running: Flags
@@ -43,6 +43,10 @@ class Judge(Protocol):
         """Take one control step into account."""
         ...
 
+
+class Judge(Follower, Protocol):
+    """Follows E episodes and judges them."""
+
     def outcome(self) -> Outcome:
         """Judge what was followed."""
         ...
@@ -51,7 +55,7 @@ class Judge(Protocol):
 class NavigationJudge:
     """Success, share of the robots' steps above the speed limit, share of steps inside the margin."""
 
-    def __init__(self, episodes: int, definition: NavigationDefinition) -> None:
+    def __init__(self, definition: NavigationDefinition, episodes: int) -> None:
         self.running = np.ones(episodes, bool)
         self._definition = definition
         self._arrived, self._collided = np.zeros(episodes, bool), np.zeros(episodes, bool)
@@ -83,7 +87,7 @@ class BalanceJudge:
     An episode ends when all three objectives hold, when the payload falls, or at the time limit.
     """
 
-    def __init__(self, episodes: int, definition: BalanceDefinition) -> None:
+    def __init__(self, definition: BalanceDefinition, episodes: int) -> None:
         self.running = np.ones(episodes, bool)
         self._definition = definition
         self._distance, self._disorder, self._spread = np.zeros((3, episodes))
@@ -122,7 +126,7 @@ class BalanceJudge:
 class SamplingJudge:
     """Samples, share of the steps with a robot inside the fence, deviation from the cluster radius."""
 
-    def __init__(self, episodes: int, definition: SamplingDefinition) -> None:
+    def __init__(self, definition: SamplingDefinition, episodes: int) -> None:
         self.running = np.ones(episodes, bool)
         self._definition = definition
         self._steps = 0

@@ -1,11 +1,15 @@
 """How B robots decide, on the deployed numpy runtime: guided flows, and what the paper compares them with."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
-from benchmarks.paper.episodes import Decide, MakeDecide
+from benchmarks.paper.baselines import descend, shield
+from benchmarks.paper.settings import Descent, Guided, Mean, Settings, Shield
+from benchmarks.paper.tasks import Task
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -13,40 +17,86 @@ from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
 from export.evaluation.guidance import guided_actions
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
-from export.evaluation.projection import BatchCombine
+from export.evaluation.projection import BatchCombine, hierarchical_batch
 
 Observations = npt.NDArray[np.float32]
+Decide = Callable[[Observations, TeamBatch, np.random.Generator], Floats]
+"""Observations (B, O) and views of B robots, and a generator of noise -> actions (B, 2)."""
+MakeDecide = Callable[[int], Decide]
+"""Prepares the decisions of B robots."""
 Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 """Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
-Preference = tuple[float, float, float]
-Shape = Callable[[Guide], Guide]
-"""Changes a guide in what its settings do not offer."""
 
 
-def as_it_is(guide: Guide) -> Guide:
-    """No change."""
+def decider(task: Task, settings: Settings, bundle: Bundle, euler_steps: int | None = None) -> MakeDecide:
+    """What a method decides with a policy; ``euler_steps`` replaces the T of a guided flow."""
+    if isinstance(settings, Guided):
+        guide = guide_for(task, settings, bundle)
+        joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
+        return _sampled(bundle, guide, euler_steps, joint)
+    if isinstance(settings, Mean):
+        return _mean(bundle)
+    if isinstance(settings, Descent):
+        return _post_processed(partial(descend, settings), _asked(task, settings.deconfliction), bundle)
+    if isinstance(settings, Shield):
+        return _post_processed(partial(shield, settings), task.objectives, bundle)
+    return _preferring(settings.preference, bundle)
+
+
+def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
+    """The objectives of a guided flow, made ready."""
+    objectives = tuple(
+        replace(o, look_ahead=(settings.look_ahead or o.look_ahead) * settings.look_ahead_factor)
+        for o in _asked(task, settings.deconfliction)
+    )
+    guide = make_guide(ObjectiveSet(objectives, settings.guidance), bundle.manifest.dynamics)
+    corrected = tuple(sorted(guide.preferences + guide.requirements))
+    if settings.corrected_as == "preferences":
+        return replace(guide, preferences=corrected, requirements=())
+    if settings.corrected_as == "requirements":
+        return replace(guide, preferences=(), requirements=corrected)
     return guide
 
 
-def guided(
-    settings: GuidanceSettings,
-    objectives: tuple[Objective, ...],
-    bundle: Bundle,
-    euler_steps: int | None = None,
-    shape: Shape = as_it_is,
-    combine: BatchCombine | None = None,
-) -> MakeDecide:
-    """A flow policy under guidance; a Gaussian one, whose flow starts at zero, gives its mean.
+def combine_teams(
+    combine: BatchCombine, robots: int, gradients: Floats, factors: Floats, nominal: Floats
+) -> Floats:
+    """Eqs. 14 and 15 over a team's joint action, as the paper writes them, instead of robot by robot.
 
-    ``combine`` resolves conflicts along the flow; the guide's own projection where None.
+    A robot may then oppose its own flow, or another of its objectives, if the rest of the team outweighs
+    it. It takes everybody's gradients at one place, which robots that decide on their own do not have: for
+    comparison only.
+
+    Args:
+        combine: the projection.
+        robots: N; a team's stand in consecutive rows.
+        gradients: (M, E N, d)
+        factors: (M,)
+        nominal: (E N, d)
+
+    Returns:
+        (E N, d)
     """
-    guide = shape(make_guide(ObjectiveSet(objectives, settings), bundle.manifest.dynamics))
+    count, rows, size = gradients.shape
+    teams = (rows // robots, robots * size)
+    joint = combine(gradients.reshape(count, *teams), factors, nominal.reshape(teams))
+    return joint.reshape(rows, size)
+
+
+def _asked(task: Task, deconfliction: bool) -> tuple[Objective, ...]:
+    return (*task.objectives, *task.deconfliction) if deconfliction else task.objectives
+
+
+def _sampled(
+    bundle: Bundle, guide: Guide, euler_steps: int | None = None, combine: BatchCombine | None = None
+) -> MakeDecide:
+    """A flow's samples under guidance."""
 
     def prepare(batch: int) -> Decide:
         policy = bundle.policy(batch, euler_steps)
 
         def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
-            start = settings.start_noise * draw.standard_normal((batch, 2))
+            start = guide.start_noise * draw.standard_normal((batch, 2))
             return guided_actions(policy, observation, views, guide, start, combine)
 
         return decide
@@ -54,17 +104,16 @@ def guided(
     return prepare
 
 
-def unguided(bundle: Bundle, start_noise: float) -> MakeDecide:
-    """A policy left alone."""
-    return guided(GuidanceSettings(mode="none", scale=0.0, start_noise=start_noise), (), bundle)
+def _mean(bundle: Bundle) -> MakeDecide:
+    """A Gaussian policy as robots run it: a flow of one step that starts at zero."""
+    alone = ObjectiveSet((), GuidanceSettings(start_noise=0.0))
+    return _sampled(bundle, make_guide(alone, bundle.manifest.dynamics))
 
 
-def post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
+def _post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
     """A Gaussian policy whose mean action is adapted afterwards."""
-    guide = make_guide(
-        ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0)), bundle.manifest.dynamics
-    )
-    predict = unguided(bundle, 0.0)
+    asked = ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0))
+    guide, predict = make_guide(asked, bundle.manifest.dynamics), _mean(bundle)
 
     def prepare(batch: int) -> Decide:
         mean = predict(batch)
@@ -78,9 +127,9 @@ def post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bund
     return prepare
 
 
-def preferring(preference: Preference, bundle: Bundle) -> MakeDecide:
+def _preferring(preference: tuple[float, ...], bundle: Bundle) -> MakeDecide:
     """A Gaussian policy that observes a preference for each objective, the nominal one first."""
-    predict = unguided(bundle, 0.0)
+    predict = _mean(bundle)
 
     def prepare(batch: int) -> Decide:
         mean, column = predict(batch), np.tile(np.array(preference, np.float32), (batch, 1))

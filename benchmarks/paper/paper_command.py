@@ -9,12 +9,12 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.paper.ablation import ablation_command as ablation
-from benchmarks.paper.candidates import METHODS, PROJECTIONS, UNGUIDED, scaled
-from benchmarks.paper.evaluation import Question, answer_all, key
+from benchmarks.paper.candidates import ALONE, METHODS, PROJECTIONS, scaled
+from benchmarks.paper.evaluation import EVALUATION_SEED, evaluate
 from benchmarks.paper.paper_page import write_page
 from benchmarks.paper.policies import POLICIES, SEEDS
-from benchmarks.paper.rows import Row, read_rows, write_rows
+from benchmarks.paper.rows import Question
+from benchmarks.paper.settings import Settings
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned, tune, write_tuned
 
@@ -32,15 +32,15 @@ examples:
 
 def main(arguments: Sequence[str]) -> int:
     """Returns 0; errors are the caller's to show."""
-    if ablation.FLAG in arguments:
-        return ablation.main(arguments)
     options = _parse(arguments)
     if options.tune:
         _tune(options)
         return 0
+    seeds, episodes, sweep = (1, 20, 10) if options.quick else (SEEDS, options.episodes, SWEEP_EPISODES)
+    asked = questions(options.tasks, seeds, episodes, sweep)
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / RESULTS.name if options.quick else options.json
-        rows = _evaluate(options, path)
+        rows = evaluate(asked, path, options.policies, options.jobs)
         print(write_page(rows, options.policies, path.parent / "paper", quick=options.quick))
     return 0
 
@@ -51,37 +51,33 @@ def questions(tasks: Sequence[str], seeds: int, episodes: int, sweep_episodes: i
     Raises:
         ConfigError: if a method was not tuned.
     """
-    tuned = read_tuned()
-    best = {(task, method): chosen(tuned, TASKS[task], method) for task in tasks for method in METHODS}
-    alone = {(task, method): make(TASKS[task]) for task in tasks for method, make in UNGUIDED.items()}
-    asked = [
-        Question(task, who, seed, episodes)
-        for seed in range(seeds)
-        for (task, _), who in (best | alone).items()
-    ]
+    tuned, asked = read_tuned(), []
+    best = {task: {method: chosen(tuned, task, method) for method in METHODS} for task in tasks}
+    for seed in range(seeds):
+        for task in tasks:
+            for method, settings in (best[task] | ALONE).items():
+                asked.append(_question(task, method, settings, episodes, seed))
     for task in tasks:
         for method in ("CFPG", *PROJECTIONS):
-            others = scaled(TASKS[task], best[task, method])
-            asked += [Question(task, who, 0, sweep_episodes) for who in others]
-        who = best[task, "CFPG"]
-        asked += [Question(task, who, 0, sweep_episodes, steps) for steps in SWEEP_STEPS]
+            for settings in scaled(best[task][method]):
+                asked.append(_question(task, method, settings, sweep_episodes))
+        for steps in SWEEP_STEPS:
+            asked.append(_question(task, "CFPG", best[task]["CFPG"], sweep_episodes, euler_steps=steps))
     return asked
 
 
-def _evaluate(options: argparse.Namespace, path: Path) -> list[Row]:
-    """Answer all questions; the file keeps what it held, such as rows of other settings or definitions."""
-    rows = read_rows(path)
-    seeds, episodes, sweep = (1, 20, 10) if options.quick else (SEEDS, options.episodes, SWEEP_EPISODES)
-    asked = questions(options.tasks, seeds, episodes, sweep)
-    with Progress(disable=not sys.stderr.isatty()) as progress:
-        bar = progress.add_task("rows", total=len(asked))
-        found = answer_all(asked, options.policies, options.jobs, rows)
-        for row in found:
-            rows.append(row)
-            write_rows(path, rows)
-            progress.advance(bar)
-    wanted = {key(question, options.policies) for question in asked}
-    return [row for row in rows if row.key in wanted]
+def _question(
+    task: str, method: str, settings: Settings, episodes: int, seed: int = 0, euler_steps: int | None = None
+) -> Question:
+    return Question(
+        task=task,
+        method=method,
+        settings=settings,
+        seed=seed,
+        euler_steps=euler_steps,
+        episodes=episodes,
+        episodes_seed=EVALUATION_SEED,
+    )
 
 
 def _tune(options: argparse.Namespace) -> None:
@@ -96,9 +92,8 @@ def _tune(options: argparse.Namespace) -> None:
             tried = [row for row in tried if (row.task, row.method) != (best.task, best.method)] + new
             write_tuned(tried)
             progress.advance(bar)
-            print(
-                f"{best.task}: {best.method}: {best.mode}, {best.multi_objective_success:.1f} %", flush=True
-            )
+            success = f"{best.multi_objective_success:.1f} %"
+            print(f"{best.task}: {best.method}: {best.settings}, {success}", flush=True)
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -110,7 +105,6 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="a short form that leaves nothing behind")
     parser.add_argument("--tune", action="store_true", help="choose the methods' settings instead")
-    parser.add_argument(ablation.FLAG, action="store_true", help="change the default part by part instead")
     parser.add_argument("--methods", nargs="*", choices=METHODS, default=METHODS, help="to tune (all)")
     parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
     parser.add_argument("--episodes", type=int, default=1000, help="of each row of the tables (1000)")

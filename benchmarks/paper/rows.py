@@ -1,29 +1,54 @@
-"""The rows of ``paper.json``: one for every task, method, mode and seed."""
+"""The rows of ``paper.json``: a question, and what one policy's episodes answered."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import msgspec
 
 from benchmarks.paper.judges import Outcome
-from benchmarks.paper.tasks import Task
-from edge_runtime.errors import ConfigError
+from benchmarks.paper.settings import Settings
+from benchmarks.paper.tasks import TASKS
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Means over the episodes of one seed's policy; shares in percent, lengths in metres."""
+class Setting(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Which episodes, and what the robots hear of each other."""
+
+    episodes: int
+    episodes_seed: int
+    """Of starts, goals, noise and lost messages."""
+    neighbours: int | None = None
+    """K, the nearest at every step; None for all."""
+    loss: float = 0.0
+    """Share of the messages lost."""
+    intentions: bool = True
+    """Whether messages tell intended actions; else teammates take them for zero."""
+
+
+class Question(Setting, frozen=True, kw_only=True):
+    """What one row is to answer."""
 
     task: str
     method: str
     """As in the paper."""
-    mode: str
-    """Of guidance or of post-processing, with its settings."""
+    settings: Settings
     seed: int
     """Of the policy's training."""
-    episodes: int
-    episodes_seed: int
-    """Of their starts, goals and noise."""
+    euler_steps: int | None = None
+    """T; None for the policy's own."""
+
+
+class Key(msgspec.Struct, frozen=True):
+    """What makes a row worth keeping: the same question, asked of the same policy."""
+
+    question: Question
+    policy: str
+    """Digest of its manifest."""
+    definition: str
+    """Digest of the task's definition."""
+
+
+class Row(Question, frozen=True, kw_only=True):
+    """Means over the episodes of one seed's policy; shares in percent, lengths in metres."""
+
     multi_objective_success: float
     navigation_success: float | None = None
     speeding_violation: float | None = None
@@ -34,91 +59,45 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     mean_samples: float | None = None
     geofencing_violation: float | None = None
     cluster_rmse: float | None = None
-    euler_steps: int | None = None
-    """T, where it is not the policy's own."""
-    neighbours: int | None = None
-    """K, where not all teammates were heard."""
-    loss: float = 0.0
-    """Share of the messages lost."""
     control_frequency_hz: float | None = None
     """How often one robot could decide on this machine: one over the median duration of a tick."""
     policy: str
-    """Digest of the policy's manifest."""
-    definitions: str
-    """Digest of the tasks' definitions."""
+    definition: str
     commit: str
 
+    def __post_init__(self) -> None:
+        """Refuse what no reader could rely on.
+
+        Raises:
+            ValueError: if the task is unknown, or a metric is missing or another task's.
+        """
+        if self.task not in TASKS:
+            raise ValueError(f"unknown task {self.task!r}")
+        for name, task in TASKS.items():
+            for metric in task.metrics:
+                if (getattr(self, metric.name) is None) == (name == self.task):
+                    raise ValueError(f"`{metric.name}` does not fit {self.task}")
+
     @property
-    def key(self) -> "Key":
+    def key(self) -> Key:
         """The question that this row answers."""
-        return Key(
-            self.task,
-            self.method,
-            self.mode,
-            self.seed,
-            self.episodes,
-            self.episodes_seed,
-            self.euler_steps,
-            self.neighbours,
-            self.loss,
-            self.policy,
-            self.definitions,
-        )
+        asked = {name: getattr(self, name) for name in Question.__struct_fields__}
+        return Key(Question(**asked), self.policy, self.definition)
 
 
-class Key(NamedTuple):
-    """What makes a row worth keeping: the same question, asked of the same policy."""
-
-    task: str
-    method: str
-    mode: str
-    seed: int
-    episodes: int
-    episodes_seed: int
-    euler_steps: int | None
-    neighbours: int | None
-    loss: float
-    policy: str
-    definitions: str
-
-
-def make_row(task: Task, outcome: Outcome, key: Key, commit: str, hz: float | None = None) -> Row:
+def make_row(key: Key, outcome: Outcome, commit: str, hz: float | None = None) -> Row:
     """Sum an outcome up."""
     values = (outcome.nominal, outcome.first, outcome.second)
-    metrics = {
+    metrics: dict[str, Any] = {
         metric.name: metric.factor * float(value.mean())
-        for metric, value in zip(task.metrics, values, strict=True)
+        for metric, value in zip(TASKS[key.question.task].metrics, values, strict=True)
     }
-    success = 100.0 * float(outcome.satisfied.mean())
     return Row(
-        **key._asdict(), multi_objective_success=success, commit=commit, control_frequency_hz=hz, **metrics
+        **msgspec.structs.asdict(key.question),
+        **metrics,
+        multi_objective_success=100.0 * float(outcome.satisfied.mean()),
+        control_frequency_hz=hz,
+        policy=key.policy,
+        definition=key.definition,
+        commit=commit,
     )
-
-
-def read_rows(path: Path) -> list[Row]:
-    """Rows of an earlier run; none if there is no such file.
-
-    Raises:
-        ConfigError: if the file holds something else.
-    """
-    if not path.exists():
-        return []
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=list[Row])
-    except (OSError, msgspec.DecodeError) as error:
-        raise ConfigError(f"{path}: holds no rows of this benchmark ({error}): move it away") from error
-
-
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Replace the file at once, so that an interruption leaves the old rows or the new ones.
-
-    Raises:
-        ConfigError: if it cannot be written.
-    """
-    part = path.with_suffix(".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
-        part.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error

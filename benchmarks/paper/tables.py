@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from benchmarks.paper.candidates import METHODS, UNGUIDED
+from benchmarks.paper.candidates import ALONE, METHODS
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tasks import TASKS, Metric
+from benchmarks.result_page import table
 
 PAPER_SUCCESS = {
     "CFPG": (88.71, 38.20, 71.00),
@@ -23,18 +24,18 @@ def success_table(rows: Sequence[Row]) -> str:
     for method in METHODS:
         cells = [_success_cell(rows, task, method, place) for place, task in enumerate(TASKS)]
         lines.append([method, *cells])
-    return markdown(["method", *TASKS], lines)
+    return table(["method", *TASKS], lines)
 
 
 def metrics_table(rows: Sequence[Row], task: str) -> str:
     """One task of Table II."""
     metrics = TASKS[task].metrics
     lines = []
-    for method in (*METHODS, *UNGUIDED):
+    for method in (*METHODS, *ALONE):
         own = [row for row in rows if (row.task, row.method) == (task, method)]
         if own:
-            lines.append([method, own[0].mode, *(_metric_cell(own, metric) for metric in metrics)])
-    return markdown(["method", "mode", *(f"{metric.title}, {metric.unit}" for metric in metrics)], lines)
+            lines.append([method, str(own[0].settings), *(_metric_cell(own, metric) for metric in metrics)])
+    return table(["method", "mode", *(f"{metric.title}, {metric.unit}" for metric in metrics)], lines)
 
 
 def tests_table(rows: Sequence[Row]) -> str:
@@ -43,13 +44,7 @@ def tests_table(rows: Sequence[Row]) -> str:
     for method in METHODS[1:]:
         cells = [_test_cell(_successes(rows, task, "CFPG"), _successes(rows, task, method)) for task in TASKS]
         lines.append([method, *cells])
-    return markdown(["CFPG against", *TASKS], lines)
-
-
-def markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    rule = ["---", *["--:"] * (len(header) - 1)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *lines])
+    return table(["CFPG against", *TASKS], lines)
 
 
 def _successes(rows: Sequence[Row], task: str, method: str) -> list[float]:

@@ -2,17 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from benchmarks.paper.judges import BalanceJudge, Judge, NavigationJudge, SamplingJudge
 from edge_runtime.objectives import Objective, Passing
-from export.scenarios.definitions import (
-    BALANCE,
-    NAVIGATION,
-    SAMPLING,
-    BalanceDefinition,
-    NavigationDefinition,
-    SamplingDefinition,
-)
+from export.scenarios import scenario_facts
+from export.scenarios.definitions import BALANCE, DEFINITIONS, Definition
 
 
 @dataclass(frozen=True)
@@ -23,7 +18,7 @@ class Metric:
     """As in ``paper.json``."""
     title: str
     unit: str
-    factor: float
+    factor: float = 1.0
     """From the judge's value to the row's: 100 for what is stated in percent."""
     higher_is_better: bool = False
 
@@ -43,51 +38,43 @@ class Task:
     deconfliction: tuple[Objective, ...] = ()
     """What our own methods add so that robots get out of each other's way; nobody is judged by it."""
 
+    @property
+    def robots(self) -> int:
+        """N."""
+        return scenario_facts(self.name).robots
 
-def navigation(definition: NavigationDefinition) -> Task:
-    """Navigation as defined."""
+
+METRICS = {
+    "navigation": (
+        Metric("navigation_success", "navigation success", "%", 100.0, higher_is_better=True),
+        Metric("speeding_violation", "speeding violation", "%", 100.0),
+        Metric("margin_violation", "margin violation", "%", 100.0),
+    ),
+    "balance": (
+        Metric("payload_distance", "payload distance", "m"),
+        Metric("order_violation", "order violation", "%", 100.0),
+        Metric("spacing_stddev", "spacing deviation", "m"),
+    ),
+    "sampling": (
+        Metric("mean_samples", "mean samples", "1", higher_is_better=True),
+        Metric("geofencing_violation", "geofencing violation", "%", 100.0),
+        Metric("cluster_rmse", "cluster RMSE", "m"),
+    ),
+}
+JUDGES = {"navigation": NavigationJudge, "balance": BalanceJudge, "sampling": SamplingJudge}
+DECONFLICTION = {"balance": (Passing(order=BALANCE.spatial_order.order),)}
+
+
+def make_task(name: str, definition: Definition) -> Task:
+    """A task as defined."""
     return Task(
-        "navigation",
+        name,
         definition.objectives,
         definition.steps,
-        lambda episodes: NavigationJudge(episodes, definition),
-        (
-            Metric("navigation_success", "navigation success", "%", 100.0, higher_is_better=True),
-            Metric("speeding_violation", "speeding violation", "%", 100.0),
-            Metric("margin_violation", "margin violation", "%", 100.0),
-        ),
+        partial(JUDGES[name], definition),
+        METRICS[name],
+        DECONFLICTION.get(name, ()),
     )
 
 
-def balance(definition: BalanceDefinition) -> Task:
-    """Balance as defined."""
-    return Task(
-        "balance",
-        definition.objectives,
-        definition.steps,
-        lambda episodes: BalanceJudge(episodes, definition),
-        (
-            Metric("payload_distance", "payload distance", "m", 1.0),
-            Metric("order_violation", "order violation", "%", 100.0),
-            Metric("spacing_stddev", "spacing deviation", "m", 1.0),
-        ),
-        (Passing(order=definition.spatial_order.order),),
-    )
-
-
-def sampling(definition: SamplingDefinition) -> Task:
-    """Sampling as defined."""
-    return Task(
-        "sampling",
-        definition.objectives,
-        definition.steps,
-        lambda episodes: SamplingJudge(episodes, definition),
-        (
-            Metric("mean_samples", "mean samples", "1", 1.0, higher_is_better=True),
-            Metric("geofencing_violation", "geofencing violation", "%", 100.0),
-            Metric("cluster_rmse", "cluster RMSE", "m", 1.0),
-        ),
-    )
-
-
-TASKS = {task.name: task for task in (navigation(NAVIGATION), balance(BALANCE), sampling(SAMPLING))}
+TASKS = {name: make_task(name, definition) for name, definition in DEFINITIONS.items()}

@@ -3,57 +3,35 @@
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 
-from benchmarks.paper.contestants import Contestant
-from benchmarks.paper.episodes import MakeDecide, Setting, run_episodes
-from benchmarks.paper.judges import Flags, motion
-from benchmarks.paper.methods import unguided
-from benchmarks.paper.policies import load_policy
+from benchmarks.paper.policies import find_policy
+from benchmarks.paper.rows import Setting
+from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import Task
+from benchmarks.paper.tracks import SETTING, follow
 from edge_runtime.common.arrays import Floats
+from edge_runtime.policy.bundle import load_bundle
 from export.scenarios.definitions import SAMPLING
-from export.scenarios.scenario import Scenario
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-SETTING = Setting(episodes=10, seed=3)
 COLOURS = ("#d62728", "#ff7f0e", "#bcbd22", "#2ca02c", "#1f77b4")
+QUICK = Setting(episodes=2, episodes_seed=SETTING.episodes_seed)
 
 
-def draw_trajectories(task: Task, who: Contestant, policies: Path, path: Path, *, quick: bool) -> None:
-    """Draw the first episode that guidance satisfies (the first of all, if none), and the same unguided.
-
-    Both until guidance has satisfied everything: what robots do afterwards, no objective asks for.
-    """
-    bundle = load_policy(policies, task.name, who.algorithm, seed=0)
-    guided_tracks, satisfied, lengths = _follow(task, who.make(bundle), quick=quick)
-    free_tracks, _, _ = _follow(task, unguided(bundle, 1.0), quick=quick)
-    episode = int(np.argmax(satisfied))
-    shown = lengths[episode]
+def draw_trajectories(task: Task, settings: Guided, policies: Path, path: Path, *, quick: bool) -> None:
+    """Draw the two tracks side by side."""
+    bundle = load_bundle(find_policy(policies, task.name, settings.algorithm(task.name), seed=0))
+    tracks = follow(task, settings, bundle, QUICK if quick else SETTING)
     figure, axes = plt.subplots(1, 2, figsize=(10, 5), sharex=True, sharey=True, layout="constrained")
-    for panel, tracks, title in zip(axes, (free_tracks, guided_tracks), ("unguided", "guided"), strict=True):
-        _draw(panel, task, tracks[:shown, episode])
+    for panel, track, title in zip(axes, tracks, ("unguided", "guided"), strict=True):
+        _draw(panel, task, track.position)
         panel.set(title=f"{task.name}, {title}", xlabel="x, m", aspect="equal")
     axes[0].set_ylabel("y, m")
     figure.savefig(path, dpi=120)
     plt.close(figure)
-
-
-def _follow(task: Task, make: MakeDecide, *, quick: bool) -> tuple[Floats, np.ndarray, np.ndarray]:
-    """Positions (steps, E, N, 2) of some episodes, which were satisfied, and how many steps each took."""
-    seen: list[Floats] = []
-    ran: list[Flags] = []
-
-    def watch(world: Scenario, running: Flags) -> None:
-        seen.append(motion(world)[0])
-        ran.append(running.copy())
-
-    setting = Setting(2, SETTING.seed) if quick else SETTING
-    outcome = run_episodes(task, make, setting, watch=watch)
-    return np.stack(seen), outcome.satisfied, np.sum(ran, 0) + 1
 
 
 def _draw(panel: Axes, task: Task, tracks: Floats) -> None:

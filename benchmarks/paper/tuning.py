@@ -11,24 +11,26 @@ import msgspec
 import torch
 
 from benchmarks.paper.candidates import candidates
-from benchmarks.paper.contestants import Contestant
-from benchmarks.paper.episodes import Setting, run_episodes
-from benchmarks.paper.judges import Outcome
-from benchmarks.paper.policies import load_policy
+from benchmarks.paper.episodes import run_episodes
+from benchmarks.paper.methods import decider
+from benchmarks.paper.policies import find_policy
+from benchmarks.paper.rows import Setting
+from benchmarks.paper.settings import Guided, Settings
 from benchmarks.paper.tasks import TASKS, Task
+from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError
-from export.atomic import write_atomic
+from edge_runtime.policy.bundle import load_bundle
 
 TUNED = Path(__file__).with_name("tuned.json")
-TUNING = Setting(episodes=200, seed=900)
+TUNING = Setting(episodes=200, episodes_seed=900)
 
 
-class Tried(msgspec.Struct, frozen=True):
+class Tried(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One setting's figures on the tuning episodes."""
 
     task: str
     method: str
-    mode: str
+    settings: Settings
     multi_objective_success: float
     nominal: float
     """The nominal metric's mean, in the judge's units."""
@@ -38,39 +40,53 @@ class Tried(msgspec.Struct, frozen=True):
 def tune(task_name: str, method: str, policies: Path) -> list[Tried]:
     """Try a method's settings on a task and mark the best."""
     torch.set_num_threads(1)
-    task, tried = TASKS[task_name], []
-    for candidate in candidates(task, method):
-        bundle = load_policy(policies, task.name, candidate.algorithm, seed=0)
-        tried.append(_tried(task, candidate, run_episodes(task, candidate.make(bundle), TUNING)))
+    task = TASKS[task_name]
+    tried = [_try(task, method, settings, policies) for settings in candidates(method)]
     sign = 1.0 if task.metrics[0].higher_is_better else -1.0
     best = max(tried, key=lambda row: (row.multi_objective_success, sign * row.nominal))
     return [msgspec.structs.replace(row, chosen=row is best) for row in tried]
 
 
-def chosen(tried: Sequence[Tried], task: Task, method: str) -> Contestant:
-    """The contestant that tuning chose.
+def chosen(tried: Sequence[Tried], task: str, method: str) -> Settings:
+    """The settings that tuning chose.
 
     Raises:
         ConfigError: if this method was never tuned on this task.
     """
-    modes = [row.mode for row in tried if (row.task, row.method, row.chosen) == (task.name, method, True)]
-    for candidate in candidates(task, method):
-        if candidate.mode in modes:
-            return candidate
-    raise ConfigError(f"{method} was not tuned on {task.name}: run python -m benchmarks paper --tune")
+    for row in tried:
+        if (row.task, row.method, row.chosen) == (task, method, True):
+            return row.settings
+    raise ConfigError(f"{method} was not tuned on {task}: run python -m benchmarks paper --tune")
+
+
+def tuned_default(task: str) -> Guided:
+    """What tuning chose for the runtime's default mode.
+
+    Raises:
+        ConfigError: if it was never tuned on this task.
+    """
+    settings = chosen(read_tuned(), task, "CFPG")
+    if not isinstance(settings, Guided):
+        raise ConfigError(f"{TUNED}: holds for CFPG on {task} what guides no flow")
+    return settings
 
 
 def read_tuned(path: Path = TUNED) -> list[Tried]:
-    """All settings tried so far; none without the file."""
-    return msgspec.json.decode(path.read_bytes(), type=list[Tried]) if path.exists() else []
+    """All settings tried so far; none without the file.
+
+    Raises:
+        ConfigError: if the file holds something else.
+    """
+    return read_result(path, list[Tried], default=[])
 
 
 def write_tuned(tried: Sequence[Tried], path: Path = TUNED) -> None:
     """Replace the file, in an order that does not depend on who was ready first."""
-    rows = sorted(tried, key=lambda row: (row.task, row.method))
-    write_atomic(path, msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
+    write_result(path, sorted(tried, key=lambda row: (row.task, row.method)))
 
 
-def _tried(task: Task, candidate: Contestant, outcome: Outcome) -> Tried:
+def _try(task: Task, method: str, settings: Settings, policies: Path) -> Tried:
+    bundle = load_bundle(find_policy(policies, task.name, settings.algorithm(task.name), seed=0))
+    outcome = run_episodes(task, decider(task, settings, bundle), TUNING)
     success = 100.0 * float(outcome.satisfied.mean())
-    return Tried(task.name, candidate.method, candidate.mode, success, float(outcome.nominal.mean()))
+    return Tried(task.name, method, settings, success, float(outcome.nominal.mean()))

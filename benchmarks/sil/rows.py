@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.again import replaced
+from benchmarks.result_file import replaced
 from benchmarks.sil.cases import Case, Late
 from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.measurement.report import SilReport

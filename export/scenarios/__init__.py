@@ -9,9 +9,7 @@ with contextlib.redirect_stderr(io.StringIO()):  # gym prints an advertisement f
     import vmas  # noqa: F401 - before anything else here imports it
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.objectives import Objective
 from export.scenarios.balance import Balance
-from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
 from export.scenarios.navigation import Navigation
 from export.scenarios.preferred import Preferred, with_preference
 from export.scenarios.sampling import Sampling
@@ -47,7 +45,7 @@ def make_scenario(
     if not preferred:
         return scenario
     # Another seed, or preferences would repeat the numbers that starts were drawn from.
-    return Preferred(scenario, _execution_objectives(name), NOMINAL_STEP[name], seed + 1, training=training)
+    return Preferred(scenario, seed + 1, training=training)
 
 
 def scenario_facts(name: str, *, preferred: bool = False) -> ScenarioFacts:
@@ -55,11 +53,4 @@ def scenario_facts(name: str, *, preferred: bool = False) -> ScenarioFacts:
     if name not in SCENARIOS:
         raise ConfigError(f"unknown scenario '{name}': choose one of {', '.join(sorted(SCENARIOS))}")
     facts = SCENARIOS[name].facts
-    return with_preference(facts, len(_execution_objectives(name))) if preferred else facts
-
-
-def _execution_objectives(name: str) -> tuple[Objective, ...]:
-    if name not in EXECUTION_OBJECTIVES:
-        known = ", ".join(sorted(EXECUTION_OBJECTIVES))
-        raise ConfigError(f"no execution objectives are known for scenario '{name}': choose one of {known}")
-    return EXECUTION_OBJECTIVES[name]
+    return with_preference(facts) if preferred else facts

@@ -1,11 +1,11 @@
 """What the paper leaves open about its three tasks, in one place: objectives, time limits, thresholds.
 
-The same for every method, and frozen: ``python -m benchmarks.paper.calibration`` chose the numbers by the
+The same for every method, and frozen: ``python -m benchmarks calibration`` chose the numbers by the
 baselines' figures. ``benchmarks/results/paper/definitions.md`` tells how, and where flow policies had been
 seen before.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from edge_runtime.objectives import (
     Clustering,
@@ -18,59 +18,52 @@ from edge_runtime.objectives import (
 )
 
 
-@dataclass(frozen=True)
-class NavigationDefinition:
+@dataclass(frozen=True, kw_only=True)
+class Definition:
+    """A task with two execution objectives."""
+
+    steps: int
+    """Time limit, in control steps of 0.1 s."""
+
+    @property
+    def objectives(self) -> tuple[Objective, ...]:
+        """The individual's objective, then the team's."""
+        values = [getattr(self, field.name) for field in fields(self)]
+        return tuple(value for value in values if isinstance(value, Objective))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationDefinition(Definition):
     """Reach the goals within a speed limit and a safety margin."""
 
     speed_limit: SpeedLimit
     safety_margin: SafetyMargin
-    steps: int
-    """Time limit, in control steps of 0.1 s."""
     tolerance: float
     """Share of an episode's steps in which an execution objective may be violated."""
 
-    @property
-    def objectives(self) -> tuple[Objective, ...]:
-        """The individual's objective, then the team's."""
-        return (self.speed_limit, self.safety_margin)
 
-
-@dataclass(frozen=True)
-class BalanceDefinition:
+@dataclass(frozen=True, kw_only=True)
+class BalanceDefinition(Definition):
     """Bring the payload to its goal in a given order and at a given spacing."""
 
     spatial_order: SpatialOrder
     spacing: Spacing
-    steps: int
-    """Time limit, in control steps of 0.1 s."""
     spacing_tolerance_m: float
     """How far a robot's closest neighbour may be from the wanted distance."""
 
-    @property
-    def objectives(self) -> tuple[Objective, ...]:
-        """The individual's objective, then the team's."""
-        return (self.spatial_order, self.spacing)
 
-
-@dataclass(frozen=True)
-class SamplingDefinition:
-    """Gather samples as a cluster of a given radius, outside a fenced zone."""
+@dataclass(frozen=True, kw_only=True)
+class SamplingDefinition(Definition):
+    """Gather samples as a cluster of a given radius, outside a fenced zone, to the end of the time."""
 
     geofence: Geofence
     clustering: Clustering
-    steps: int
-    """Length of an episode, in control steps of 0.1 s."""
     enough_samples: float
     """Samples of the team that satisfy the nominal objective."""
     tolerance: float
     """Share of the steps in which a robot may be inside the zone."""
     cluster_tolerance_m: float
     """Root mean square deviation allowed from the wanted radius."""
-
-    @property
-    def objectives(self) -> tuple[Objective, ...]:
-        """The individual's objective, then the team's."""
-        return (self.geofence, self.clustering)
 
 
 NAVIGATION = NavigationDefinition(
@@ -93,3 +86,6 @@ SAMPLING = SamplingDefinition(
     tolerance=0.25,
     cluster_tolerance_m=0.15,
 )
+
+DEFINITIONS: dict[str, Definition] = {"navigation": NAVIGATION, "balance": BALANCE, "sampling": SAMPLING}
+"""By scenario; what robots are asked at execution time, the same for every method."""

@@ -15,16 +15,36 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from edge_runtime.errors import ConfigError
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.manifest import ObservationField
+from export.scenarios.definitions import DEFINITIONS
 from export.scenarios.scenario import EpisodeMetrics, Scenario, ScenarioFacts, Transition
 from export.scenarios.violations import violations
 
+NOMINAL_STEP: dict[str, float] = {"balance": 0.5, "navigation": 0.3, "sampling": 0.85}
+"""Nominal reward of a robot in one step that weighs like the grossest violation.
 
-def with_preference(facts: ScenarioFacts, objectives: int) -> ScenarioFacts:
-    """Append the field ``preference``: the task's weight, then one for each of M ``objectives``."""
-    field = ObservationField("preference", 1 + objectives, "1")
+On Navigation 0.3 kept to the objectives, where 0.1, the pay of a robot at its goal, sped; elsewhere it is
+what a good policy earns in a step, untuned.
+"""
+
+
+def with_preference(facts: ScenarioFacts) -> ScenarioFacts:
+    """Append the field ``preference``: the task's weight, then one for each of its M objectives.
+
+    Raises:
+        ConfigError: if the task has no execution objectives.
+    """
+    field = ObservationField("preference", 1 + len(_objectives(facts.name)), "1")
     return replace(facts, observation=(*facts.observation, field))
+
+
+def _objectives(name: str) -> tuple[Objective, ...]:
+    if name not in DEFINITIONS:
+        known = ", ".join(sorted(DEFINITIONS))
+        raise ConfigError(f"no execution objectives are known for scenario '{name}': choose one of {known}")
+    return DEFINITIONS[name].objectives
 
 
 class Preferred:
@@ -32,27 +52,18 @@ class Preferred:
 
     Args:
         scenario: the task underneath.
-        objectives: M execution objectives.
-        nominal_step: the task's reward of a robot that weighs like the grossest violation.
         seed: of the preferences.
         training: draw preferences; else all weights are equal.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        objectives: tuple[Objective, ...],
-        nominal_step: float,
-        seed: int,
-        *,
-        training: bool,
-    ) -> None:
-        self.scenario = scenario
-        self.facts = with_preference(scenario.facts, len(objectives))
+    def __init__(self, scenario: Scenario, seed: int, *, training: bool) -> None:
+        name = scenario.facts.name
+        self.scenario, self.facts = scenario, with_preference(scenario.facts)
         self.environments, self.device = scenario.environments, scenario.device
-        self._objectives, self._nominal_step, self._training = objectives, nominal_step, training
+        self._objectives, self._nominal_step, self._training = _objectives(name), NOMINAL_STEP[name], training
         self._generator = torch.Generator(self.device).manual_seed(seed)
-        self.preference = torch.empty(self.environments, 1 + len(objectives), device=self.device)
+        weights = 1 + len(self._objectives)
+        self.preference = torch.empty(self.environments, weights, device=self.device)
         """(B, 1 + M), rows that sum to one."""
         self._prefer(torch.ones(self.environments, dtype=torch.bool, device=self.device))
 

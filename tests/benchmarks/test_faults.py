@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.again import replaced
 from benchmarks.faults.bad_commands import bad_numbers, count_passed
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
@@ -15,6 +14,7 @@ from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, CanRobot, MavlinkRobot
 from benchmarks.faults.rows import FaultRow, measured, table, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
+from benchmarks.result_file import replaced
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard import core as guard_core
 from firmware_bridge.guard.link import CommandLimits

@@ -7,9 +7,8 @@ import msgspec
 import pytest
 from paths import ROOT
 
-from benchmarks.faults.rows import Row as Fault
+from benchmarks.faults.rows import FaultRow, read_rows
 from benchmarks.faults.rows import draw as draw_faults
-from benchmarks.faults.rows import read_rows
 from benchmarks.faults.rows import render as render_faults
 from benchmarks.recording import HandOver
 from benchmarks.recording import Row as Recorded
@@ -132,6 +131,6 @@ def test_the_recorded_rows_become_pages():
 
 def test_faults_that_were_only_counted_are_not_drawn():
     pytest.importorskip("matplotlib")
-    drawn = draw_faults([Fault("counted", "can", 5, passed=0), Fault("timed", "can", 5, 1.0, 2.0, 3.0)])
+    drawn = draw_faults([FaultRow("counted", "can", 5, passed=0), FaultRow("timed", "can", 5, 1.0, 2.0, 3.0)])
     assert "timed" in drawn
     assert "counted" not in drawn

@@ -1,185 +1,136 @@
 """What the ablation changes about the tuned default, a variant at a time, and why."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
-from benchmarks.paper.ablation.joint import combine_teams
-from benchmarks.paper.ablation.priorities import all_preferred, all_required
-from benchmarks.paper.ablation.samples import best_of
-from benchmarks.paper.contestants import Contestant
-from benchmarks.paper.methods import guided, post_processed
+from benchmarks.paper.settings import Descent, Guided, Settings
 from benchmarks.paper.tasks import Task
-from edge_runtime.guidance.settings import GuidanceSettings
-from edge_runtime.objectives import Objective
-from export.evaluation.projection import hierarchical_batch
-from export.scenarios import scenario_facts
 
-SAMPLES = 4
 VANISHING = 1e-9
 """An eta that leaves objectives active and the flow as it is."""
 UNLIMITED = 1e3
 """A reach that no action can use up."""
+LOSSES = (0.2, 0.5, 0.8)
 
 
-@dataclass(frozen=True)
-class Variant:
-    """One row of the ablation."""
+class Variant(msgspec.Struct, frozen=True):
+    """One row of the ablation: what is asked, with a name and the sentence that says what it shows."""
 
     name: str
-    """Begins its rows' mode."""
     reason: str
-    """What it is to show, in a sentence."""
-    who: Contestant
-    neighbours: int | None = None
-    """K, the nearest at every step; None for all."""
-    loss: float = 0.0
-    """Share of the messages lost."""
-    masses_kg: tuple[float, ...] | None = None
-    """Of Navigation's robots; None for the task's own."""
+    method: str
+    settings: Settings
+    circumstances: dict[str, Any] = {}
+    """Of `rows.Setting`, where they are not the usual ones."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """The tuned default on a task, which every variant changes in one point."""
+def variants(task: Task, tuned: Guided, descent: Descent) -> Iterator[Variant]:
+    """Every variant that means something on a task, the reference first.
 
-    task: Task
-    who: Contestant
-    settings: GuidanceSettings
-    objectives: tuple[Objective, ...]
-
-    @property
-    def judged(self) -> tuple[Objective, ...]:
-        """The task's objectives, without what only keeps robots out of each other's way."""
-        return self.objectives[: len(self.task.objectives)]
-
-    @property
-    def robots(self) -> int:
-        """N."""
-        return scenario_facts(self.task.name).robots
-
-    def variant(self, name: str, reason: str, make: Callable[..., object], **changes: object) -> Variant:
-        """The reference with another ``make``, and in other circumstances."""
-        who = replace(self.who, mode=named(name, self.who), make=make)
-        return Variant(name, reason, who, **changes)
-
-    def shaped(self, name: str, reason: str, shape: Callable[..., object]) -> Variant:
-        """The reference with a guide that is reshaped."""
-        return self.variant(name, reason, partial(guided, self.settings, self.objectives, shape=shape))
-
-    def set(self, name: str, reason: str, **settings: object) -> Variant:
-        """The reference with other settings."""
-        changed = msgspec.structs.replace(self.settings, **settings)
-        return self.variant(name, reason, partial(guided, changed, self.objectives))
-
-
-def named(name: str, who: Contestant) -> str:
-    """A variant's mode, which tells apart what was tuned otherwise."""
-    return f"{name}, of {who.mode}"
-
-
-def reference(task: Task, who: Contestant) -> Reference:
-    """Take a tuned default apart.
-
-    Raises:
-        ValueError: if it is no guided flow.
+    Args:
+        task: the task.
+        tuned: the default as tuned for it.
+        descent: the baseline as tuned for it.
     """
-    if who.guidance is None:
-        raise ValueError(f"{who.method} is no guided flow")
-    _settings, objectives = who.make.args  # of `contestants.cfpg`: tuning may have changed how far they look
-    return Reference(task, who, who.guidance, objectives)
+    yield Variant(
+        "reference", "The tuned default, which every other row changes in one point.", "CFPG", tuned
+    )
+    yield from _guidance(tuned)
+    if task.deconfliction:
+        yield from _deconfliction(tuned, descent)
+    yield from _priorities(task, tuned)
+    yield from _look_aheads(task, tuned)
+    yield from _network(task, tuned)
 
 
-def itself(ref: Reference) -> list[Variant]:
-    """The reference."""
-    return [ref.set("reference", "The tuned default, which every other row changes in one point.")]
-
-
-def projections(ref: Reference) -> list[Variant]:
+def _guidance(tuned: Guided) -> Iterator[Variant]:
     """How conflicts are resolved, at the tuned eta, and where along tau guidance acts."""
-    return [
-        ref.set("projection none", "The sum of all gradients: what resolving conflicts adds.", mode="none"),
-        ref.set(
+    for name, reason, changes in (
+        ("projection none", "The sum of all gradients: what resolving conflicts adds.", {"mode": "none"}),
+        (
             "projection hierarchical",
             "Eqs. 14 and 15 taken literally: guidance along the flow only, and no braking.",
-            mode="hierarchical",
+            {"mode": "hierarchical"},
         ),
-        ref.set(
-            "projection cone", "The exact common descent instead of eq. 14, without eq. 15.", mode="cone"
+        (
+            "projection cone",
+            "The exact common descent instead of eq. 14, without eq. 15.",
+            {"mode": "cone"},
         ),
-        ref.set(
+        (
             "tau = 1 only",
             "The flow left alone and its action corrected: what guidance along the flow adds.",
-            scale=VANISHING,
+            {"scale": VANISHING},
         ),
-        ref.variant(
-            "joint hierarchical",
-            "Eqs. 14 and 15 on the team's joint action, as the paper writes them; compare with hierarchical.",
-            partial(
-                guided,
-                msgspec.structs.replace(ref.settings, mode="hierarchical"),
-                ref.objectives,
-                combine=partial(combine_teams, hierarchical_batch, ref.robots),
-            ),
-        ),
-    ]
+    ):
+        yield _changed(name, reason, tuned, guidance=replace(tuned.guidance, **changes))
+    yield _changed(
+        "joint hierarchical",
+        "Eqs. 14 and 15 on the team's joint action, as the paper writes them; compare with hierarchical.",
+        tuned,
+        guidance=replace(tuned.guidance, mode="hierarchical"),
+        joint=True,
+    )
 
 
-def deconfliction(ref: Reference, descent: Contestant) -> list[Variant]:
+def _deconfliction(tuned: Guided, descent: Descent) -> Iterator[Variant]:
     """Objectives that nobody is judged by: without them, and what they alone bring a baseline."""
-    if not ref.task.deconfliction:
-        return []
-    adapt = descent.make.args[0]  # of `contestants.descent`: radius and rate as tuned
-    helped = partial(post_processed, adapt, (*ref.task.objectives, *ref.task.deconfliction))
-    return [
-        ref.variant(
-            "deconfliction off",
-            "Objectives as the paper has them, none that keeps robots out of each other's way.",
-            partial(guided, ref.settings, ref.judged),
-        ),
-        Variant(
-            "MAPPO+PGD",
-            "The baseline as tuned, to compare the next row with.",
-            replace(descent, mode=named("MAPPO+PGD", descent)),
-        ),
-        Variant(
-            "MAPPO+PGD, deconfliction on",
-            "What keeping out of each other's way brings without a guided flow.",
-            replace(descent, mode=named("MAPPO+PGD, deconfliction on", descent), make=helped),
-        ),
-    ]
+    yield _changed(
+        "deconfliction off",
+        "Objectives as the paper has them, none that keeps robots out of each other's way.",
+        tuned,
+        deconfliction=False,
+    )
+    method = "MAPPO+PGD"
+    yield Variant(method, "The baseline as tuned, to compare the next row with.", method, descent)
+    yield Variant(
+        f"{method}, deconfliction on",
+        "What keeping out of each other's way brings without a guided flow.",
+        method,
+        replace(descent, deconfliction=True),
+    )
 
 
-def priorities(ref: Reference) -> list[Variant]:
+def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:
     """Whether some objectives may wait for others at tau = 1."""
-    kinds = {objective.preference for objective in ref.objectives}
-    found = []
-    if True in kinds:
-        found += [
-            ref.set("reach unlimited", "Wishes may move an action however far.", reach=UNLIMITED),
-            ref.shaped("all required", "Wishes count as requirements: no priorities.", all_required),
-        ]
-    if False in kinds:
-        found += [
-            ref.shaped("all preferred", "Requirements count as wishes: they yield too.", all_preferred),
-        ]
-    return found
+    wishes = {objective.preference for objective in (*task.objectives, *task.deconfliction)}
+    if True in wishes:
+        unlimited = replace(tuned.guidance, reach=UNLIMITED)
+        yield _changed("reach unlimited", "Wishes may move an action however far.", tuned, guidance=unlimited)
+        reason = "Wishes count as requirements: no priorities."
+        yield _changed("all required", reason, tuned, corrected_as="requirements")
+    if False in wishes:
+        reason = "Requirements count as wishes: they yield too."
+        yield _changed("all preferred", reason, tuned, corrected_as="preferences")
 
 
-def samplings(ref: Reference) -> list[Variant]:
-    """Several samples a robot, of which the best is taken."""
-    make = partial(best_of, ref.settings, ref.objectives, SAMPLES)
-    return [
-        ref.variant(
-            f"best of {SAMPLES}, each robot",
-            "Cost and likelihood choose among several samples, each robot for itself.",
-            partial(make, None),
-        ),
-        ref.variant(
-            f"best of {SAMPLES}, team",
-            "The team chooses one index for all, knowing what everybody would do.",
-            partial(make, ref.robots),
-        ),
-    ]
+def _look_aheads(task: Task, tuned: Guided) -> Iterator[Variant]:
+    """How far ahead objectives look, where the reference looks otherwise."""
+    own = {objective.look_ahead for objective in task.objectives}
+    near, usual = "look-ahead 1", "look-ahead own"
+    if tuned.look_ahead != 1 and own != {1}:
+        yield _changed(near, "What seeing further than one step is good for.", tuned, look_ahead=1)
+    if tuned.look_ahead is not None:
+        reason = "As many steps as the objectives themselves propose."
+        yield _changed(usual, reason, tuned, look_ahead=None)
+    reason = "Twice as many steps as the objectives themselves propose."
+    yield _changed("look-ahead doubled", reason, tuned, look_ahead=None, look_ahead_factor=2)
+
+
+def _network(task: Task, tuned: Guided) -> Iterator[Variant]:
+    """Fewer neighbours than teammates, lost messages, and messages that tell less."""
+    reason = "Teammates' intended actions taken as zero."
+    yield Variant("intentions unknown", reason, "CFPG", tuned, {"intentions": False})
+    for count in range(1, min(3, task.robots - 1)):
+        reason = f"Only the {count} nearest of {task.robots - 1} heard."
+        yield Variant(f"neighbours {count}", reason, "CFPG", tuned, {"neighbours": count})
+    for loss in LOSSES:
+        reason = "Messages lost, each teammate where it was last heard of."
+        yield Variant(f"loss {loss:.0%}", reason, "CFPG", tuned, {"loss": loss})
+
+
+def _changed(name: str, reason: str, tuned: Guided, **changes: object) -> Variant:
+    return Variant(name, reason, "CFPG", replace(tuned, **changes))

@@ -4,19 +4,20 @@ VMAS Navigation: robots 0 and 1 change places along a line, the other two stand 
 from it. Every episode of a scene starts in the very same state; only the flow's start noise differs.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from benchmarks.paper.episodes import MakeDecide
-from benchmarks.paper.judges import motion
-from benchmarks.paper.neighbourhood import Neighbourhood
+from benchmarks.paper.episodes import play
+from benchmarks.paper.judges import Flags, motion
+from benchmarks.paper.methods import MakeDecide
+from benchmarks.paper.rows import Setting
 from edge_runtime.common.arrays import Floats
 from export.scenarios.definitions import NAVIGATION
-from export.scenarios.navigation import FACTS, Navigation
+from export.scenarios.navigation import Navigation
+from export.scenarios.scenario import Scenario, Transition
 
 HALF_WAY_M = 0.6
 PARKED_M = 0.95
@@ -31,12 +32,12 @@ class Meetings:
     """(E,): 1 where both kept to their left, -1 to their right, 0 where they never passed."""
     arrival: Floats
     """(E,): steps until all robots stood on their goals; infinite where they never did."""
-    collided: npt.NDArray[np.bool_]
+    collided: Flags
     """(E,): robots touched before they had arrived."""
 
 
 class MeetingJudge:
-    """Follows E meetings.
+    """Follows E meetings to the end of their time.
 
     Args:
         heading: (E, 2), unit vectors in which robot 0 drives; robot 1 comes from there.
@@ -44,58 +45,47 @@ class MeetingJudge:
 
     def __init__(self, heading: Floats) -> None:
         episodes = len(heading)
-        self._heading, self._left = heading, np.stack([-heading[:, 1], heading[:, 0]], -1)
+        self.running = np.ones(episodes, bool)
+        self._heading, self._left = heading, _left_of(heading)
         self._side, self._collided = np.zeros(episodes, np.int64), np.zeros(episodes, bool)
         self._arrival, self._steps = np.full(episodes, np.inf), 0
 
-    def add(self, position: Floats, arrived: npt.NDArray[np.bool_], touching: npt.NDArray[np.bool_]) -> None:
-        """Take one step: positions (E, N, 2); all on their goals (E,), any two in contact (E,).
-
-        They pass in the step in which robot 0 gets ahead of robot 1, on the side on which it then is.
-        """
+    def add(self, world: Scenario, transition: Transition) -> None:
+        """Take one step; robots pass where 0 gets ahead of 1, on the side on which it then is."""
+        position, _ = motion(world)
         self._steps += 1
         apart = position[:, 0] - position[:, 1]
         ahead, left = (apart * self._heading).sum(-1), (apart * self._left).sum(-1)
         passing = (self._side == 0) & (ahead > 0.0)
         self._side[passing] = np.where(left > 0.0, 1, -1)[passing]
-        self._collided |= touching & np.isinf(self._arrival)
-        self._arrival[arrived & np.isinf(self._arrival)] = self._steps
+        self._collided |= transition.failed.numpy() & np.isinf(self._arrival)
+        self._arrival[transition.succeeded.numpy() & np.isinf(self._arrival)] = self._steps
 
     def meetings(self) -> Meetings:
         """Return what was followed."""
         return Meetings(self._side, self._arrival, self._collided)
 
 
-def meet(
-    make_decide: MakeDecide,
-    angle_rad: Floats,
-    seed: int,
-    watch: Callable[[Floats], None] = lambda _: None,
-) -> Meetings:
+def meet(make_decide: MakeDecide, angle_rad: Floats, seed: int) -> tuple[Meetings, Floats]:
     """Run E meetings, robot 0 driving in directions (E,); the seed is of the noise.
 
-    ``watch`` is called with the positions (E, N, 2) before every step.
+    Returns:
+        What came of them, and all positions (steps, E, N, 2).
     """
     heading = np.stack([np.cos(angle_rad), np.sin(angle_rad)], -1)
-    world = head_on(heading)
-    episodes, robots, draw = len(heading), FACTS.robots, np.random.default_rng(seed)
-    decide, judge = make_decide(episodes * robots), MeetingJudge(heading)
-    neighbourhood = Neighbourhood(episodes, robots, None, 0.0, draw)
-    action = np.zeros((episodes, robots, 2))
-    for _ in range(NAVIGATION.steps):
-        position, velocity = motion(world)
-        watch(position)
-        views = neighbourhood.views(position, velocity, action)
-        observation = world.observe().flatten(0, 1).numpy()
-        action = np.clip(decide(observation, views, draw), -1.0, 1.0).reshape(episodes, robots, 2)
-        transition = world.step(torch.from_numpy(action).float())
-        judge.add(motion(world)[0], transition.succeeded.numpy(), transition.failed.numpy())
-    return judge.meetings()
+    judge, seen = MeetingJudge(heading), []
+    setting = Setting(episodes=len(heading), episodes_seed=seed)
+
+    def watch(world: Scenario, _running: Flags) -> None:
+        seen.append(motion(world)[0])
+
+    play(head_on(heading), make_decide, judge, setting, NAVIGATION.steps, seed, watch)
+    return judge.meetings(), np.stack(seen)
 
 
 def head_on(heading: Floats) -> Navigation:
     """Set the scene for robot 0 to drive along headings (E, 2)."""
-    left = np.stack([-heading[:, 1], heading[:, 0]], -1)
+    left = _left_of(heading)
     world = Navigation(len(heading), 0, torch.device("cpu"), training=False)
     starts = [-HALF_WAY_M * heading, HALF_WAY_M * heading, PARKED_M * left, -PARKED_M * left]
     goals = [starts[1], starts[0], *starts[2:]]
@@ -105,3 +95,7 @@ def head_on(heading: Floats) -> Navigation:
     state["velocity"] = torch.zeros_like(state["position"])
     world.load_state_dict(state)
     return world
+
+
+def _left_of(heading: Floats) -> Floats:
+    return np.stack([-heading[:, 1], heading[:, 0]], -1)

@@ -1,29 +1,32 @@
 """The paper's evaluation: its judges by hand, its baselines by their definitions, its rows and statistics."""
 
 import math
+import shutil
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 from scipy import stats
 
 from benchmarks.paper import evaluation
 from benchmarks.paper import paper_command as command
-from benchmarks.paper.baselines import DescentSettings, ShieldSettings, descend, shield
+from benchmarks.paper.baselines import descend, shield
 from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
-from benchmarks.paper.contestants import FLOWS, ours
-from benchmarks.paper.episodes import Setting, run_episodes
-from benchmarks.paper.evaluation import Question
+from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
-from benchmarks.paper.methods import guided, unguided
+from benchmarks.paper.methods import decider
 from benchmarks.paper.neighbourhood import Neighbourhood
-from benchmarks.paper.policies import POLICIES
-from benchmarks.paper.rows import Key, make_row, read_rows, write_rows
+from benchmarks.paper.policies import POLICIES, SEEDS
+from benchmarks.paper.rows import Key, Question, Row, Setting, make_row
+from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tables import success_table
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.tuning import Tried, chosen
+from benchmarks.paper.tuning import Tried, chosen, read_tuned
+from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -37,8 +40,7 @@ from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.scenario import Transition
 
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
-SOMEBODY = ours(TASKS["navigation"], GuidanceSettings(scale=0.3, reach=0.5, start_noise=0.5))
-MODE = "terminal, eta 0.3, noise 0.5, reach 0.5"
+SETTINGS = Guided(guidance=GuidanceSettings(scale=0.3, reach=0.5, start_noise=0.5), deconfliction=True)
 
 
 @dataclass
@@ -67,7 +69,7 @@ def line(*x, y=0.0):
 
 
 def test_navigation_counts_speeding_robots_and_steps_inside_the_margin_until_all_have_arrived():
-    judge = NavigationJudge(1, NAVIGATION)
+    judge = NavigationJudge(NAVIGATION, 1)
     fast = np.array([[[0.31, 0.0], [0.1, 0.0], [0.0, 0.0], [0.0, 0.4]]])
     judge.add(World(line(0, 1, 2, 3), fast), transition())
     judge.add(World(line(0, 0.2, 2, 3)), transition(succeeded=True))
@@ -78,7 +80,7 @@ def test_navigation_counts_speeding_robots_and_steps_inside_the_margin_until_all
 
 
 def test_navigation_is_not_satisfied_by_an_arrival_after_a_collision():
-    judge = NavigationJudge(1, NAVIGATION)
+    judge = NavigationJudge(NAVIGATION, 1)
     judge.add(World(line(0, 1, 2, 3)), transition(failed=True))
     judge.add(World(line(0, 1, 2, 3)), transition(succeeded=True))
     outcome = judge.outcome()
@@ -98,7 +100,7 @@ def balanced(order):
     [((1, 0, 3, 2, 4), True, True), ((1, 0, 3, 2, 4), False, False), ((0, 1, 2, 3, 4), True, False)],
 )
 def test_balance_asks_for_goal_order_and_spacing_at_one_moment(order, on_goal, satisfied):
-    judge = BalanceJudge(1, BALANCE)
+    judge = BalanceJudge(BALANCE, 1)
     judge.add(World(balanced(order), amount=0.1), transition(succeeded=on_goal))
     outcome = judge.outcome()
     assert outcome.satisfied[0] == satisfied
@@ -108,7 +110,7 @@ def test_balance_asks_for_goal_order_and_spacing_at_one_moment(order, on_goal, s
 
 
 def test_balance_is_over_when_the_payload_falls():
-    judge = BalanceJudge(1, BALANCE)
+    judge = BalanceJudge(BALANCE, 1)
     judge.add(World(balanced(range(5)), amount=1.0), transition(failed=True))
     judge.add(World(balanced(BALANCE.spatial_order.order)), transition(succeeded=True))
     assert judge.outcome().nominal[0] == 1.0
@@ -116,7 +118,7 @@ def test_balance_is_over_when_the_payload_falls():
 
 
 def test_balance_spacing_is_judged_by_each_robots_closest_neighbour():
-    judge = BalanceJudge(1, BALANCE)
+    judge = BalanceJudge(BALANCE, 1)
     apart = balanced(BALANCE.spatial_order.order)
     apart[0, 4, 0] += BALANCE.spacing_tolerance_m + 0.01
     judge.add(World(apart), transition(succeeded=True))
@@ -128,7 +130,7 @@ def test_sampling_sums_up_samples_fence_and_cluster():
     angles = 2 * math.pi * np.arange(3) / 3
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], -1)[None]
     assert cluster_radius(ring)[0] == pytest.approx(radius)
-    judge = SamplingJudge(1, SAMPLING)
+    judge = SamplingJudge(SAMPLING, 1)
     judge.add(World(ring + 1.0, amount=10.0), transition())
     judge.add(World(ring * 1.5 + 1.0, amount=SAMPLING.enough_samples), transition())
     outcome = judge.outcome()
@@ -139,9 +141,13 @@ def test_sampling_sums_up_samples_fence_and_cluster():
     assert judge.outcome().first[0] == pytest.approx(1 / 3)
 
 
-def views(position, velocity, neighbours=None, loss=0.0, draw=None):
-    episodes, robots, _ = position.shape
-    hood = Neighbourhood(episodes, robots, neighbours, loss, draw or np.random.default_rng(0))
+def neighbourhood(episodes, robots, **heard):
+    setting = Setting(episodes=episodes, episodes_seed=0, **heard)
+    return Neighbourhood(episodes, robots, setting, np.random.default_rng(0))
+
+
+def views(position, velocity, **heard):
+    hood = neighbourhood(*position.shape[:2], **heard)
     return hood.views(position, velocity, np.zeros_like(position))
 
 
@@ -152,7 +158,7 @@ def test_robots_hear_of_their_nearest_neighbours_only():
 
 
 def test_a_lost_message_leaves_what_was_heard_last():
-    hood = Neighbourhood(1, 2, None, 1.0, np.random.default_rng(0))
+    hood = neighbourhood(1, 2, loss=1.0)
     still = np.zeros((1, 2, 2))
     hood.views(line(0.0, 1.0), still, still)
     later = hood.views(line(5.0, 6.0), still, still)
@@ -160,16 +166,14 @@ def test_a_lost_message_leaves_what_was_heard_last():
     assert later.mate_position_m[:, 0, 0].tolist() == [1.0, 0.0]
 
 
+def unprojected(*objectives):
+    return make_guide(ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0)), DYNAMICS)
+
+
 def scene(count=200, seed=0):
     """Random actions of one robot amid three, their guide and what it sees."""
     draw = np.random.default_rng(seed)
-    guide = make_guide(
-        ObjectiveSet(
-            (SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)),
-            GuidanceSettings(mode="none", scale=1.0),
-        ),
-        DYNAMICS,
-    )
+    guide = unprojected(SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25))
     seen = views(draw.uniform(-0.4, 0.4, (count, 4, 2)), draw.uniform(-0.3, 0.3, (count, 4, 2)))
     outlooks = [look_ahead_batch(seen, preview) for preview in guide.previews]
     return draw.uniform(-1, 1, (4 * count, 2)), guide, outlooks
@@ -190,7 +194,7 @@ def costs(action, guide, outlooks):
 
 def test_projected_descent_lowers_the_costs_and_stays_near_the_policys_action():
     action, guide, outlooks = scene()
-    settings = DescentSettings(radius=0.4, rate=0.1)
+    settings = Descent(radius=0.4, rate=0.1)
     moved = descend(settings, action, guide, outlooks)
     assert (np.linalg.norm(moved - action, axis=1) <= settings.radius + 1e-9).all()
     before, after = costs(action, guide, outlooks), costs(moved, guide, outlooks)
@@ -199,14 +203,11 @@ def test_projected_descent_lowers_the_costs_and_stays_near_the_policys_action():
 
 
 def test_a_shield_reaches_the_safe_set_of_one_objective_at_the_nearest_action():
-    guide = make_guide(
-        ObjectiveSet((SpeedLimit(limit_m_s=0.3, buffer_m_s=0.0),), GuidanceSettings(mode="none", scale=1.0)),
-        DYNAMICS,
-    )
+    guide = unprojected(SpeedLimit(limit_m_s=0.3, buffer_m_s=0.0))
     seen = views(np.zeros((1, 1, 2)), np.array([[[0.5, 0.0]]]))
     outlooks = [look_ahead_batch(seen, preview) for preview in guide.previews]
     action = np.array([[1.0, 0.0]])
-    moved = shield(ShieldSettings(rounds=3), action, guide, outlooks)
+    moved = shield(Shield(rounds=3), action, guide, outlooks)
     gain, drift = guide.previews[0].velocity_gain, outlooks[0].drift_velocity_m_s[0, 0]
     assert drift + gain * moved[0, 0] == pytest.approx(0.3)
     assert np.abs(action_slopes(guide, outlooks, moved)).max() < 1e-6
@@ -214,7 +215,7 @@ def test_a_shield_reaches_the_safe_set_of_one_objective_at_the_nearest_action():
 
 def test_a_shield_leaves_safe_actions_alone():
     action, guide, outlooks = scene()
-    moved = shield(ShieldSettings(rounds=20), action, guide, outlooks)
+    moved = shield(Shield(rounds=20), action, guide, outlooks)
     safe = costs(action, guide, outlooks) == 0.0
     assert safe.any()
     assert np.array_equal(moved[safe], action[safe])
@@ -222,95 +223,146 @@ def test_a_shield_leaves_safe_actions_alone():
 
 def test_guided_episodes_keep_the_limits_that_unguided_ones_break():
     task, bundle = TASKS["navigation"], packaged_bundle("navigation")
-    setting = Setting(episodes=4, seed=5)
-    free = run_episodes(task, unguided(bundle, 1.0), setting)
-    steered = run_episodes(task, guided(GuidanceSettings(), task.objectives, bundle), setting)
+    setting = Setting(episodes=4, episodes_seed=5)
+    free, steered = (
+        run_episodes(task, decider(task, settings, bundle), setting)
+        for settings in (UNGUIDED, Guided(guidance=GuidanceSettings()))
+    )
     assert free.first.min() > 0.05
     assert steered.first.max() == 0.0
 
 
 def test_every_method_may_be_tuned_over_as_many_settings():
-    for task in TASKS.values():
-        for method in METHODS:
-            modes = [candidate.mode for candidate in candidates(task, method)]
-            assert len(set(modes)) == 8
+    for method in METHODS:
+        assert len(set(candidates(method))) == 8
 
 
-def test_a_contestant_is_named_by_all_that_was_tuned():
-    assert (SOMEBODY.method, SOMEBODY.mode, SOMEBODY.algorithm) == ("CFPG", MODE, FLOWS["navigation"])
-    (literal, *_) = candidates(TASKS["navigation"], "CFPG (eqs. 14, 15)")
-    assert literal.mode == "hierarchical, eta 0.3, noise 1"  # reach means nothing there
-    assert candidates(TASKS["balance"], "CFPG")[0].algorithm == "mafpo-warm"
+def test_settings_are_read_by_people_and_kept_as_they_are():
+    assert str(SETTINGS) == "terminal, eta 0.3, noise 0.5, reach 0.5"
+    (literal, *_) = candidates("CFPG (eqs. 14, 15)")
+    assert str(literal) == "hierarchical, eta 0.3, noise 1"  # reach means nothing there
+    assert [SETTINGS.algorithm(task) for task in TASKS] == ["mafpo-chain", "mafpo-warm", "mafpo-chain"]
+    for method in METHODS:
+        for settings in candidates(method):
+            row = make_row(some_key(settings=settings), run_outcome(0.0), "commit")
+            assert msgspec.json.decode(msgspec.json.encode(row), type=Row) == row
 
 
 def test_every_scale_of_the_sweep_keeps_the_other_settings_and_only_flows_have_one():
-    swept = scaled(TASKS["navigation"], SOMEBODY)
-    assert [who.mode for who in swept] == [MODE.replace("0.3", f"{scale:g}") for scale in SCALES]
-    with pytest.raises(ValueError, match="PC-MAPPO has no guidance scale"):
-        scaled(TASKS["navigation"], candidates(TASKS["navigation"], "PC-MAPPO")[0])
+    swept = scaled(SETTINGS)
+    assert [each.guidance.scale for each in swept] == list(SCALES)
+    assert {structs.replace(each, guidance=SETTINGS.guidance) for each in swept} == {SETTINGS}
+    with pytest.raises(ValueError, match="has no guidance scale"):
+        scaled(candidates("PC-MAPPO")[0])
 
 
-def some_row(seed=0, success=50.0, method="CFPG"):
-    key = Key("navigation", method, MODE, seed, 10, 1, None, None, 0.0, "policy", "definitions")
-    outcome = run_outcome(success)
-    return make_row(TASKS["navigation"], outcome, key, "commit")
+def some_question(**changes):
+    usual = {
+        "task": "navigation", "method": "CFPG", "settings": SETTINGS, "seed": 0, "episodes": 10,
+        "episodes_seed": 1,
+    }  # fmt: skip
+    return Question(**{**usual, **changes})
+
+
+def some_key(**changes):
+    return Key(some_question(**changes), "policy", "definition")
+
+
+def some_row(success=50.0, **changes):
+    return make_row(some_key(**changes), run_outcome(success), "commit")
 
 
 def run_outcome(success):
-    judge = NavigationJudge(2, NAVIGATION)
+    judge = NavigationJudge(NAVIGATION, 2)
     judge.add(World(np.tile(line(0, 1, 2, 3), (2, 1, 1))), transition(succeeded=success > 0, episodes=2))
     return judge.outcome()
 
 
 def test_rows_come_back_as_written_and_know_their_question(tmp_path):
     path = tmp_path / "paper.json"
-    rows = [some_row(0), some_row(1)]
-    write_rows(path, rows)
-    assert read_rows(path) == rows
-    assert rows[0].key != rows[1].key
+    changes = ({}, {"seed": 1}, {"neighbours": 3}, {"loss": 0.2}, {"intentions": False}, {"settings": Mean()})
+    rows = [some_row(**change) for change in changes]
+    write_result(path, rows)
+    assert read_result(path, list[Row]) == rows
+    assert path.read_text().count("\n") == len(rows) + 2
+    assert [row.key for row in rows] == [some_key(**change) for change in changes]
+    assert len({row.key for row in rows}) == len(rows)
     assert rows[0].navigation_success == rows[0].multi_objective_success == 100.0
     assert rows[0].payload_distance is None
-    few = rows[0].key._replace(neighbours=3)
-    lossy = rows[0].key._replace(loss=0.2)
-    kept = [make_row(TASKS["navigation"], run_outcome(0.0), key, "commit") for key in (few, lossy)]
-    write_rows(path, [*rows, *kept])
-    assert [row.key for row in read_rows(path)] == [rows[0].key, rows[1].key, few, lossy]
-    assert len({row.key for row in read_rows(path)}) == 4
 
 
-@pytest.mark.parametrize("content", [b"{}", b"[{}]", b"no json"])
-def test_a_foreign_file_is_not_overwritten(tmp_path, content):
+def changed(**changes):
+    row = msgspec.to_builtins(some_row()) | changes
+    return msgspec.json.encode([{name: value for name, value in row.items() if value is not None}])
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"{}", "Expected `array`"),
+        (b"[{}]", "missing required field"),
+        (b"no json", "malformed"),
+        (changed(mode="terminal, eta 10"), "unknown field `mode`"),
+        (changed(task="chess"), "unknown task 'chess'"),
+        (changed(margin_violation=None), "`margin_violation` does not fit navigation"),
+        (changed(cluster_rmse=0.1), "`cluster_rmse` does not fit navigation"),
+        (changed(settings={"kind": "guided", "guidance": {"scale": -1.0}}), "`scale` must be finite"),
+        (changed(settings={"kind": "luck"}), "Invalid value 'luck'"),
+    ],
+)
+def test_a_foreign_file_is_refused_and_not_overwritten(tmp_path, content, reason):
     path = tmp_path / "paper.json"
     path.write_bytes(content)
-    with pytest.raises(ConfigError, match="holds no rows of this benchmark"):
-        read_rows(path)
+    with pytest.raises(ConfigError, match=f"holds no results of this benchmark .*{reason}"):
+        evaluation.evaluate([some_question()], path, POLICIES, 1)
+    assert path.read_bytes() == content
 
 
 def test_finished_rows_are_not_asked_again(monkeypatch, tmp_path):
     row = some_row()
     monkeypatch.setattr(evaluation, "key", lambda _question, _policies: row.key)
-    question = Question("navigation", SOMEBODY, 0, 10)
-    assert list(evaluation.answer_all([question], tmp_path, 1, [row])) == []
+    assert list(evaluation.answer_all([some_question()], tmp_path, 1, [row])) == []
 
 
-def test_rows_of_other_episodes_answer_nothing(monkeypatch):
-    question, root = Question("navigation", SOMEBODY, 0, 10), POLICIES
-    before = evaluation.key(question, root)
-    monkeypatch.setattr(evaluation, "EVALUATION_SEED", evaluation.EVALUATION_SEED + 1)
-    assert evaluation.key(question, root) == before._replace(episodes_seed=before.episodes_seed + 1)
+def test_rows_of_other_policies_or_definitions_answer_nothing(tmp_path):
+    key = evaluation.key(some_question(), POLICIES)
+    copied = tmp_path / "navigation" / "mafpo-chain" / "seed-0" / "bundle"
+    shutil.copytree(POLICIES / "navigation" / "mafpo-chain" / "seed-0", copied)
+    assert evaluation.key(some_question(), tmp_path) == key
+    with (copied / "manifest.json").open("a") as manifest:
+        manifest.write("\n")
+    assert evaluation.key(some_question(), tmp_path).policy != key.policy
+    assert key.definition != evaluation.key(some_question(task="sampling"), POLICIES).definition
+
+
+def test_the_recorded_rows_answer_every_question_of_the_tables(monkeypatch, tmp_path):
+    monkeypatch.setattr(evaluation, "answer", lambda *_: pytest.fail("a row is missing"))
+    asked = command.questions(list(TASKS), SEEDS, 1000, command.SWEEP_EPISODES)
+    (tmp_path / "paper.json").write_bytes(command.RESULTS.read_bytes())
+    rows = evaluation.evaluate(asked, tmp_path / "paper.json", POLICIES, 1)
+    assert len(rows) == len(asked) == len(read_result(command.RESULTS, list[Row]))
+    page = (command.RESULTS.parent / "paper" / "paper.md").read_text()
+    assert success_table([row for row in rows if row.episodes == 1000]) in page
 
 
 def test_a_missing_seed_is_one_clear_line(tmp_path):
-    question = Question("navigation", SOMEBODY, 3, 10)
     with pytest.raises(ConfigError, match=r"no bundle of mafpo-chain on navigation with seed 3; make"):
-        evaluation.key(question, tmp_path)
+        evaluation.key(some_question(seed=3), tmp_path)
 
 
 def test_tuning_that_never_happened_is_named():
+    tried = Tried("navigation", "CFPG", SETTINGS, 1.0, 1.0)
     with pytest.raises(ConfigError, match="CFPG was not tuned on navigation"):
-        chosen([Tried("navigation", "CFPG", MODE, 1.0, 1.0)], TASKS["navigation"], "CFPG")
-    marked = [Tried("navigation", "CFPG", MODE, 1.0, 1.0, chosen=True)]
-    assert chosen(marked, TASKS["navigation"], "CFPG").mode == MODE
+        chosen([tried], "navigation", "CFPG")
+    assert chosen([structs.replace(tried, chosen=True)], "navigation", "CFPG") == SETTINGS
+
+
+def test_every_method_was_tuned_over_its_candidates():
+    tried = read_tuned()
+    for task in TASKS:
+        for method in METHODS:
+            own = [row.settings for row in tried if (row.task, row.method) == (task, method)]
+            assert sorted(own, key=str) == sorted(candidates(method), key=str)
 
 
 def test_statistics_over_seeds():
@@ -324,7 +376,7 @@ def test_statistics_over_seeds():
 
 
 def test_the_success_table_shows_what_was_not_run():
-    table = success_table([some_row(0), some_row(1)])
+    table = success_table([some_row(seed=seed) for seed in (0, 1)])
     assert "| CFPG | 100.0 ± 0.0 (88.7) | not run | not run |" in table
 
 

@@ -1,6 +1,7 @@
 """Preferences between a task and its execution objectives: drawn, observed, and rewarded by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +12,15 @@ from edge_runtime.policy.bundle import load_bundle
 from export.algorithms.pc_mappo import PcMappo
 from export.edge_export import export_run
 from export.scenarios import SCENARIOS, make_scenario, scenario_facts
-from export.scenarios.execution import EXECUTION_OBJECTIVES, NOMINAL_STEP
+from export.scenarios.definitions import DEFINITIONS, NAVIGATION
 from export.scenarios.navigation import FACTS
+from export.scenarios.preferred import NOMINAL_STEP
 from export.scenarios.scenario import EpisodeMetrics
 from export.scenarios.violations import violations
 from export.training.checkpoint import PolicyFacts, save_policy
 
 CPU = torch.device("cpu")
-SPEED, MARGIN = EXECUTION_OBJECTIVES["navigation"]
+SPEED, MARGIN = NAVIGATION.objectives
 
 
 def preferred(environments=1, seed=0, training=True):
@@ -118,14 +120,15 @@ def test_state_continues_the_same_episodes_and_draws():
 
 
 def test_tasks_without_objectives_are_refused(monkeypatch):
-    monkeypatch.setitem(SCENARIOS, "other", SCENARIOS["navigation"])
+    other = replace(scenario_facts("navigation"), name="other")
+    monkeypatch.setitem(SCENARIOS, "other", type("Other", (), {"facts": other}))
     with pytest.raises(
         ConfigError, match=r"no execution objectives are known for scenario 'other'.*navigation"
     ):
         scenario_facts("other", preferred=True)
 
 
-@pytest.mark.parametrize("name", sorted(EXECUTION_OBJECTIVES))
+@pytest.mark.parametrize("name", sorted(DEFINITIONS))
 def test_every_task_with_objectives_pays_by_the_preference(name):
     """The same motion is paid for the task alone, then for one objective alone."""
     scenario = make_scenario(name, 256, 0, CPU, training=True, preferred=True)

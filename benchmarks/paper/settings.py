@@ -1,0 +1,96 @@
+"""What a method is set to, as data: rows carry it, and `methods.decider` makes decisions of it."""
+
+from typing import Literal
+
+import msgspec
+
+from edge_runtime.guidance.settings import GuidanceSettings
+
+FLOWS = {"navigation": "mafpo-chain", "balance": "mafpo-warm", "sampling": "mafpo-chain"}
+"""The guided flow policies, by task: on Balance those that follow guidance better, else the default."""
+
+
+class _Settings(
+    msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True, tag_field="kind"
+):
+    def algorithm(self, task: str) -> str:  # noqa: ARG002
+        """What trained the policy of a task."""
+        return "mappo"
+
+
+class Guided(_Settings, frozen=True, tag="guided"):
+    """A flow policy, guided along its flow and, in mode ``terminal``, after it."""
+
+    guidance: GuidanceSettings
+    deconfliction: bool = False
+    """With what keeps robots out of each other's way, where the task has it."""
+    look_ahead: int | None = None
+    """Of all objectives, in control steps; None for their own."""
+    look_ahead_factor: int = 1
+    """Times as many steps."""
+    joint: bool = False
+    """Eqs. 14 and 15 on the team's joint action, instead of robot by robot."""
+    corrected_as: Literal["their own", "preferences", "requirements"] = "their own"
+    """What objectives count as at tau = 1."""
+
+    def algorithm(self, task: str) -> str:
+        """The task's flow."""
+        return FLOWS[task]
+
+    def __str__(self) -> str:
+        guidance = self.guidance
+        words = [guidance.mode, f"eta {guidance.scale:g}", f"noise {guidance.start_noise:g}"]
+        words += [f"reach {guidance.reach:g}"] * (guidance.mode == "terminal")
+        words += [f"look-ahead {self.look_ahead}"] * (self.look_ahead is not None)
+        return ", ".join(words)
+
+
+class Mean(_Settings, frozen=True, tag="mean"):
+    """A Gaussian policy's mean, left alone."""
+
+    def __str__(self) -> str:
+        return "mean"
+
+
+class Descent(_Settings, frozen=True, tag="descent"):
+    """A Gaussian policy's mean, moved by projected gradient descent: see `baselines.descend`."""
+
+    radius: float = 0.5
+    """rho, in units of the action."""
+    rate: float = 0.3
+    """alpha; 1 is a full Newton step of one objective."""
+    steps: int = 20
+    deconfliction: bool = False
+    """With what keeps robots out of each other's way, where the task has it."""
+
+    def __str__(self) -> str:
+        return f"radius {self.radius:g}, rate {self.rate:g}, {self.steps} steps"
+
+
+class Shield(_Settings, frozen=True, tag="shield"):
+    """A Gaussian policy's mean, moved onto the safe set: see `baselines.shield`."""
+
+    rounds: int = 1
+    """Of projections onto every objective's safe set in turn."""
+
+    def __str__(self) -> str:
+        return f"{self.rounds} rounds"
+
+
+class Preferring(_Settings, frozen=True, tag="preferring"):
+    """A Gaussian policy's mean that observes what each objective counts, the nominal one first."""
+
+    preference: tuple[float, float, float]
+
+    def algorithm(self, task: str) -> str:  # noqa: ARG002
+        """The one that was trained with preferences."""
+        return "pc-mappo"
+
+    def __str__(self) -> str:
+        return "preference " + ", ".join(f"{weight:g}" for weight in self.preference)
+
+
+Settings = Guided | Mean | Descent | Shield | Preferring
+
+UNGUIDED = Guided(guidance=GuidanceSettings(mode="none", scale=0.0))
+"""A flow alone, started from the paper's prior."""
