@@ -9,23 +9,22 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from benchmarks.latency.cases import Workload
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.guide import Guide
 from edge_runtime.policy.compiled_policy import CompiledPolicy
-from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
+from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.velocity_field import VelocityField
 from export.evaluation.guidance import guided_actions
 
 Tick = Callable[[], np.ndarray]
 
 
-def _runtime(policy: VelocityField, work: Workload, guide: Guide | None = None) -> Tick:
+def _runtime(policy: VelocityField, work: Workload) -> Tick:
     """The robot's own path for one robot, the evaluation's for several."""
-    guide = guide or work.make_guide()
+    guide = work.make_guide()
     if work.case.batch > 1:
         return lambda: guided_actions(policy, work.observation, work.team, guide, work.start)
     team, start = work.team_state(), tuple(work.start[0].tolist())
@@ -42,10 +41,13 @@ def compiled(work: Workload) -> Tick:
     return _runtime(CompiledPolicy(work.weights, work.case.euler_steps, work.case.batch), work)
 
 
+class _SteppedPolicy(CompiledPolicy):
+    sampler = None
+
+
 def compiled_step(work: Workload) -> Tick:
     """The compiled kernel with objectives and projections in Python, as an objective of one's own has it."""
-    guide = msgspec.structs.replace(work.make_guide(), native=False)
-    return _runtime(CompiledPolicy(work.weights, work.case.euler_steps, work.case.batch), work, guide)
+    return _runtime(_SteppedPolicy(work.weights, work.case.euler_steps, work.case.batch), work)
 
 
 def onnx_step(work: Workload) -> Tick:

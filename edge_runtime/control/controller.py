@@ -7,11 +7,11 @@ import numpy as np
 
 from edge_runtime.common.arrays import Array
 from edge_runtime.control.limits import CommandLimits, first_command, limited
-from edge_runtime.guidance.flow import GuidedAction, guided_action
+from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.messages import Command, RobotState, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
 from edge_runtime.observation.observer import Observer
-from edge_runtime.policy.numpy_policy import VelocityField
+from edge_runtime.policy.velocity_field import VelocityField
 
 
 class Controller:

@@ -8,8 +8,7 @@ import math
 
 import msgspec
 
-from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.messages import Command, RobotState, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
 from edge_runtime.motion.dynamics import Preview
 
 

@@ -6,8 +6,7 @@ from collections import Counter
 from typing import Final
 
 from edge_runtime.config.fleet import Fleet
-from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.messages import Command, RobotState, TeamState
+from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState
 
 SETTLE_S: Final = 2.0
 """After a change of objectives robots must first brake or part: separations and speeds count from then on."""

@@ -12,7 +12,6 @@ from edge_runtime.guidance.projection import Projection
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.motion.dynamics import Dynamics, Preview
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.policy.compiled_policy import MAX_TERMS, encodable
 from edge_runtime.policy.manifest import FlowStart
 
 
@@ -31,6 +30,8 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,): what each one sees of the robot's motion."""
     factors: tuple[float, ...]
     """(M,): eta lambda_m."""
+    kernel_terms: tuple[str, ...]
+    """(M,): what the compiled kernel calls each cost; empty for one that is computed in Python."""
     projection: Projection
     """How conflicts are resolved along the flow."""
     corrected: bool
@@ -41,8 +42,6 @@ class Guide(msgspec.Struct, frozen=True):
     """Those that move it as far as it takes."""
     start_noise: float
     """Deviation of the flow's start."""
-    native: bool
-    """Whether the compiled kernel can run the whole flow."""
     digest: int
     """See `digest_of`."""
     version: int = 0
@@ -70,12 +69,13 @@ def make_guide(
         objectives=active,
         previews=tuple(dynamics.preview(objective.look_ahead) for objective in active),
         factors=tuple(settings.scale * objective.weight for objective in active),
+        # A subclass may cost something else: what its parent states does not count.
+        kernel_terms=tuple(vars(type(objective)).get("kernel_term", "") for objective in active),
         projection="hierarchical" if settings.mode == "terminal" else settings.mode,
         corrected=corrected,
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),
         start_noise=settings.start_noise if start == "noise" else 0.0,
-        native=len(active) <= MAX_TERMS and all(map(encodable, active)),
         digest=digest_of(followed),
     )
 

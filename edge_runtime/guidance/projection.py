@@ -44,8 +44,7 @@ def harmonize(gradients: Sequence[Vector2], factors: Sequence[float]) -> Vector2
     sum_x = sum_y = 0.0
     for m, (x, y) in enumerate(gradients):
         for n, (nx, ny) in enumerate(gradients):
-            dot = x * nx + y * ny
-            if dot < 0.0 and n != m:
+            if n != m and (dot := x * nx + y * ny) < 0.0:
                 square = nx * nx + ny * ny
                 if square > 0.0:
                     x -= dot / square * nx

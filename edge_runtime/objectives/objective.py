@@ -7,6 +7,7 @@ the same to all of them.
 """
 
 import math
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import msgspec
@@ -39,6 +40,9 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     preference: ClassVar[bool] = False
     """Whether this is a wish and no requirement: it moves actions by `GuidanceSettings.reach` at most, and
     yields to what is required."""
+    kernel_term: ClassVar[str] = ""
+    """The compiled kernel's name of this very cost, which then needs no Python in the loop; see `encode`. It
+    counts only where the class itself states it: a subclass has a cost of its own."""
     weight: float = 1.0
     """lambda_m, the preference weight (eq. 4)."""
     look_ahead: int = 1
@@ -64,3 +68,7 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         raise NotImplementedError(f"{type(self).__name__} must define evaluate(motion, outlook)")
+
+    def encode(self, outlook: Outlook) -> Sequence[float]:
+        """Numbers of which the kernel's term computes this cost in one tick, as it asks for them."""
+        raise NotImplementedError(f"{type(self).__name__} must define encode(outlook): it has a kernel_term")

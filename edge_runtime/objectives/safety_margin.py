@@ -1,6 +1,8 @@
 """Keep a distance from every neighbour."""
 
 import math
+from collections.abc import Sequence
+from typing import ClassVar
 
 from edge_runtime.motion.outlook import Outlook, PredictedMotion
 from edge_runtime.objectives.objective import Objective, Slope
@@ -9,6 +11,7 @@ from edge_runtime.objectives.objective import Objective, Slope
 class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
     """Keep a distance between centres from every neighbour: J = 1/2 sum (shortfall / position gain)^2."""
 
+    kernel_term: ClassVar[str] = "safety_margin"
     look_ahead: int = 3
     distance_m: float
     buffer_m: float = 0.02
@@ -39,3 +42,13 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
                 d_x -= push * dx
                 d_y -= push * dy
         return Slope(cost, d_x, d_y)
+
+    def encode(self, outlook: Outlook) -> Sequence[float]:
+        """The distance at which guidance starts, the position without action, and what each neighbour adds.
+
+        That is its position, and the side along x on which to leave it if the positions coincide.
+        """
+        numbers = [self.distance_m + self.buffer_m, outlook.drift.x, outlook.drift.y]
+        for mate in outlook.neighbours:
+            numbers += (mate.x, mate.y, math.copysign(1.0, outlook.robot_id - mate.robot_id))
+        return numbers

@@ -1,6 +1,8 @@
 """Stay at or below a speed."""
 
 import math
+from collections.abc import Sequence
+from typing import ClassVar
 
 from edge_runtime.motion.outlook import Outlook, PredictedMotion
 from edge_runtime.objectives.objective import Objective, Slope
@@ -9,6 +11,7 @@ from edge_runtime.objectives.objective import Objective, Slope
 class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
     """Stay at or below a speed: J = 1/2 (excess / velocity gain)^2."""
 
+    kernel_term: ClassVar[str] = "speed_limit"
     limit_m_s: float
     buffer_m_s: float = 0.01
     """Guidance starts this far below the limit."""
@@ -29,3 +32,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
         cure = excess / outlook.preview.velocity_gain
         pull = cure / (outlook.preview.velocity_gain * speed)
         return Slope(0.5 * cure * cure, 0.0, 0.0, pull * motion.vx, pull * motion.vy)
+
+    def encode(self, outlook: Outlook) -> Sequence[float]:
+        """The speed at which guidance starts, and the velocity without action."""
+        return self.limit_m_s - self.buffer_m_s, outlook.drift.vx, outlook.drift.vy

@@ -247,22 +247,26 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
     Py_RETURN_NONE;
 }
 
-/* Reads one term from its numbers (kernel.py, `encode`) and returns where the next one starts; NULL if cut
- * short. */
-static const double *read_term(const double *numbers, const double *end, Term *term)
+/* Reads one term, (kind, factor, shift, push, count, numbers), from where *next points to, and has *next
+ * point behind it; false if there is none. */
+static bool read_term(const double **next, const double *end, Term *term)
 {
-    if (end - numbers < 8)
-        return NULL;
-    *term = (Term){.kind = (Kind)numbers[0],
-                   .factor = numbers[1],
-                   .shift = numbers[2],
-                   .push = numbers[3],
-                   .threshold = numbers[4],
-                   .drift = {numbers[5], numbers[6]},
-                   .neighbours = (int)numbers[7],
-                   .neighbour = numbers + 8};
-    numbers += 8 + 3 * term->neighbours;
-    return term->neighbours >= 0 && numbers <= end ? numbers : NULL;
+    const double *head = *next;
+    const Py_ssize_t left = end - head - 5;
+    if (left < 0 || !(head[0] >= 0.0 && head[0] < KINDS && head[4] >= 0.0 && head[4] <= (double)left))
+        return false;
+    *term = (Term){.kind = (Kind)head[0],
+                   .factor = head[1],
+                   .shift = head[2],
+                   .push = head[3],
+                   .count = (int)head[4],
+                   .numbers = head + 5};
+    const int first = kinds[term->kind].first, each = kinds[term->kind].each;
+    const int rest = term->count - first;
+    if (rest < 0 || (each == 0 ? rest : rest % each) != 0)
+        return false;
+    *next = term->numbers + term->count;
+    return true;
 }
 
 static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
@@ -275,21 +279,24 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
     double x, y, left_s;
     if (!PyArg_ParseTuple(arguments, "iiO(dd)di", &projection, &count, &array, &x, &y, &left_s, &most_steps))
         return NULL;
-    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < NONE ||
-        projection > CONE)
+    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < 0 ||
+        projection >= PROJECTIONS)
         return PyErr_Format(PyExc_ValueError,
                             "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
-    if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS) < 0)
+    if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
         return NULL;
-    const double *next = buffer.buf, *end = next + buffer.len / sizeof(double);
-    for (int m = 0; m < count && next != NULL; m++)
-        next = read_term(next, end, &terms[m]);
-    const Sample sample =
-        next ? sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s, most_steps)
-             : (Sample){0};
+    const double *next = buffer.buf, *end = next + buffer.len / (Py_ssize_t)sizeof(double);
+    int read = 0;
+    if (strcmp(buffer.format, "d") == 0)
+        while (read < count && read_term(&next, end, &terms[read]))
+            read++;
+    Sample sample = {0};
+    if (read == count)
+        sample =
+            sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s, most_steps);
     PyBuffer_Release(&buffer);
-    if (next == NULL)
-        return PyErr_Format(PyExc_ValueError, "the terms end early");
+    if (read < count)
+        return PyErr_Format(PyExc_ValueError, "term %d does not hold what its kind takes", read);
     PyObject *costs = PyTuple_New(count), *conflicts = PyTuple_New(count);
     for (int m = 0; costs != NULL && conflicts != NULL && m < count; m++) {
         PyTuple_SET_ITEM(costs, m, PyFloat_FromDouble(sample.costs[m]));
@@ -313,8 +320,8 @@ static PyTypeObject network_type = {
     .tp_basicsize = sizeof(NetworkObject),
     .tp_dealloc = (destructor)network_dealloc,
     .tp_flags = Py_TPFLAGS_DEFAULT,
-    .tp_doc =
-        "Network(engine, silu, (d, O, T, B), widths, arrays, action, result); kernel.py says which arrays.",
+    .tp_doc = "Network(engine, silu, (d, O, T, B), widths, arrays, action, result); compiled_policy.py says "
+              "which arrays.",
     .tp_methods = network_methods,
     .tp_new = network_new,
 };
@@ -338,12 +345,34 @@ static PyMethodDef module_methods[] = {
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = -1,
                                     .m_methods = module_methods};
 
+static const char *kind_name(int number) { return kinds[number].name; }
+static const char *projection_name(int number) { return projection_names[number]; }
+
+/* Adds a tuple of names, each at its number. */
+static bool add_names(PyObject *module, const char *name, const char *(*name_of)(int), int count)
+{
+    PyObject *names = PyTuple_New(count);
+    for (int number = 0; names != NULL && number < count; number++) {
+        PyObject *text = PyUnicode_FromString(name_of(number));
+        if (text == NULL)
+            Py_CLEAR(names);
+        else
+            PyTuple_SET_ITEM(names, number, text);
+    }
+    const bool added = names != NULL && PyModule_AddObjectRef(module, name, names) == 0;
+    Py_XDECREF(names);
+    return added;
+}
+
 PyMODINIT_FUNC PyInit__kernel(void)
 {
     PyObject *self = PyModule_Create(&module);
     if (self == NULL || PyType_Ready(&network_type) < 0)
         return NULL;
-    if (PyModule_AddObjectRef(self, "Network", (PyObject *)&network_type) < 0)
+    if (PyModule_AddObjectRef(self, "Network", (PyObject *)&network_type) < 0 ||
+        !add_names(self, "TERMS", kind_name, KINDS) ||
+        !add_names(self, "PROJECTIONS", projection_name, PROJECTIONS) ||
+        PyModule_AddIntMacro(self, MAX_TERMS) < 0 || PyModule_AddIntMacro(self, MAX_LAYERS) < 0)
         Py_CLEAR(self);
     return self;
 }

@@ -1,5 +1,5 @@
-/* The guided flow of one planar robot with the built-in objectives: guidance.py, objectives.py and
- * projection.py in C, for the same numbers. What each step means is explained there. */
+/* The guided flow of one planar robot: guidance/flow.py, guidance/projection.py and the costs of
+ * objectives/ in C, for the same numbers. What each step means is explained there. */
 #ifndef KERNEL_GUIDANCE_H
 #define KERNEL_GUIDANCE_H
 
@@ -16,25 +16,37 @@ typedef struct {
     double x, y;
 } Vector2;
 
-typedef enum { SPEED_LIMIT, SAFETY_MARGIN } Kind;
-typedef enum { NONE, HIERARCHICAL, CONE } Projection;
+/* Python reads names and limits from the module: nothing of this is written twice. */
+typedef enum { SPEED_LIMIT, SAFETY_MARGIN, KINDS } Kind;
+typedef enum { NONE, HIERARCHICAL, CONE, PROJECTIONS } Projection;
+
+static const char *const projection_names[PROJECTIONS] = {
+    [NONE] = "none", [HIERARCHICAL] = "hierarchical", [CONE] = "cone"};
+
+/* What a kind of cost is called, and how many numbers it takes: some, and then again so many a neighbour. */
+static const struct {
+    const char *name;
+    int first, each;
+} kinds[KINDS] = {
+    [SPEED_LIMIT] = {"speed_limit", 3, 0},     /* threshold, velocity without action */
+    [SAFETY_MARGIN] = {"safety_margin", 3, 3}, /* threshold, position without action; position, side along x
+                                                  on which to leave a neighbour at the same place */
+};
 
 /* One objective in one tick. */
 typedef struct {
     Kind kind;
     double factor;      /* eta lambda */
     double shift, push; /* d position / d action, d velocity / d action of its preview */
-    double threshold;   /* the speed or distance at which guidance starts */
-    Vector2 drift;      /* predicted velocity (speed limit) or position (safety margin) without action */
-    int neighbours;
-    const double *neighbour; /* x, y and the direction (+-1) that leads apart when the positions coincide */
+    int count;
+    const double *numbers; /* (count): see `kinds` */
 } Term;
 
 typedef struct {
     Vector2 action;
     int steps, projections;
     int opposed; /* steps in which eq. 15 took something away */
-    int fault;   /* the term whose gradient was not finite, or -1 */
+    int fault;   /* the term whose gradient was not finite, there where `action` is; or -1 */
     double costs[MAX_TERMS];
     int conflicts[MAX_TERMS];
 } Sample;
@@ -45,28 +57,34 @@ static Vector2 add_scaled(Vector2 a, double factor, Vector2 b)
     return (Vector2){a.x + factor * b.x, a.y + factor * b.y};
 }
 
-/* Cost of an action under a term, and its gradient with respect to the action. */
-static double evaluate_term(const Term *term, Vector2 action, Vector2 *gradient)
+/* The costs: each also gives its gradient with respect to the action, zero before the call. */
+
+static double speed_cost(const Term *term, Vector2 action, Vector2 *gradient)
 {
-    *gradient = (Vector2){0.0, 0.0};
-    if (term->kind == SPEED_LIMIT) {
-        const Vector2 velocity = add_scaled(term->drift, term->push, action);
-        const double speed = sqrt(dot2(velocity, velocity)), excess = speed - term->threshold;
-        if (excess <= 0.0)
-            return 0.0;
-        const double cure = excess / term->push;
-        *gradient = add_scaled(*gradient, cure / speed, velocity);
-        return 0.5 * cure * cure;
-    }
-    const Vector2 position = add_scaled(term->drift, term->shift, action);
+    const double threshold = term->numbers[0];
+    const Vector2 drift = {term->numbers[1], term->numbers[2]};
+    const Vector2 velocity = add_scaled(drift, term->push, action);
+    const double speed = sqrt(dot2(velocity, velocity)), excess = speed - threshold;
+    if (excess <= 0.0)
+        return 0.0;
+    const double cure = excess / term->push;
+    *gradient = add_scaled(*gradient, cure / speed, velocity);
+    return 0.5 * cure * cure;
+}
+
+static double margin_cost(const Term *term, Vector2 action, Vector2 *gradient)
+{
+    const double threshold = term->numbers[0];
+    const Vector2 drift = {term->numbers[1], term->numbers[2]};
+    const Vector2 position = add_scaled(drift, term->shift, action);
     double cost = 0.0;
-    for (int i = 0; i < term->neighbours; i++) {
-        const double *neighbour = term->neighbour + 3 * i;
+    for (const double *neighbour = term->numbers + 3; neighbour < term->numbers + term->count;
+         neighbour += 3) {
         Vector2 apart = {position.x - neighbour[0], position.y - neighbour[1]};
         const double square = dot2(apart, apart);
-        if (square < term->threshold * term->threshold) {
+        if (square < threshold * threshold) {
             double distance = sqrt(square);
-            const double cure = (term->threshold - distance) / term->shift;
+            const double cure = (threshold - distance) / term->shift;
             cost += 0.5 * cure * cure;
             if (distance == 0.0) {
                 apart.x = neighbour[2];
@@ -76,6 +94,17 @@ static double evaluate_term(const Term *term, Vector2 action, Vector2 *gradient)
         }
     }
     return cost;
+}
+
+static double evaluate_term(const Term *term, Vector2 action, Vector2 *gradient)
+{
+    *gradient = (Vector2){0.0, 0.0};
+    switch (term->kind) {
+    case SPEED_LIMIT: return speed_cost(term, action, gradient);
+    case SAFETY_MARGIN: return margin_cost(term, action, gradient);
+    case KINDS: break;
+    }
+    return 0.0;
 }
 
 /* Each projection returns whether it changed the sum. */
@@ -153,7 +182,8 @@ static bool combine(Projection projection, const Vector2 *gradients, const doubl
         *opposed = project_onto_nominal(nominal, guidance);
         changed |= *opposed;
         break;
-    case CONE: changed = project_onto_cone(gradients, count, guidance);
+    case CONE: changed = project_onto_cone(gradients, count, guidance); break;
+    case PROJECTIONS: break;
     }
     return changed;
 }
@@ -176,7 +206,7 @@ static double seconds(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* T Euler steps, or as many as fit in the time left; guidance.py's guided_action for batch 1 and d = 2. */
+/* T Euler steps, or as many as fit in the time left; guidance/flow.py for batch 1 and d = 2. */
 static Sample sample_guided(Network *net, Projection projection, const Term *terms, int count, Vector2 action,
                             double left_s, int most_steps)
 {
@@ -198,6 +228,7 @@ static Sample sample_guided(Network *net, Projection projection, const Term *ter
             Vector2 gradient;
             sample.costs[m] = evaluate_term(&terms[m], estimate, &gradient);
             if (!isfinite(gradient.x + gradient.y)) {
+                sample.action = estimate;
                 sample.fault = m;
                 sample.steps = k;
                 return sample;

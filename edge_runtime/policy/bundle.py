@@ -15,9 +15,10 @@ from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.policy.backend import Backend, make_policy
 from edge_runtime.policy.manifest import Manifest
-from edge_runtime.policy.numpy_policy import FlowPolicy, VelocityField
+from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.onnx_policy import OnnxPolicy
 from edge_runtime.policy.schema import GRAPH_FILE, LARGEST_FILE, WEIGHTS_FILE, check_manifest
+from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.policy.weight_file import unpack_weights
 from edge_runtime.policy.weights import FlowWeights
 

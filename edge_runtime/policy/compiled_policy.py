@@ -1,42 +1,22 @@
-"""The velocity field in compiled C: `CompiledPolicy`, and the guided flow with the built-in objectives.
+"""The velocity field in compiled C: `CompiledPolicy`, which also samples whole guided flows.
 
 ``_kernel.c`` is built with the package where a compiler is found; without it this module still imports,
 and `CompiledPolicy` raises. `edge_runtime.policy.backend` chooses between it and numpy.
 """
 
 import importlib
-import math
 from array import array
-from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Collection, Sequence
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
-from edge_runtime.guidance.projection import Projection
 from edge_runtime.messages import Vector2
-from edge_runtime.motion.outlook import Outlook
-from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.policy.velocity_field import Sample, Sampler, Term
 from edge_runtime.policy.weights import FlowWeights
-
-PROJECTIONS: Final[tuple[Projection, ...]] = ("none", "hierarchical", "cone")
-"""In the order of the enumeration in ``_kernel_guidance.h``."""
-MAX_TERMS: Final = 32
-
-
-class Sample(NamedTuple):
-    """What the compiled flow returns; compare `edge_runtime.guidance.flow.GuidedAction`."""
-
-    action: Vector2
-    steps: int
-    projections: int
-    fault: int
-    """Index of the objective whose gradient was not finite, or -1."""
-    opposed: int
-    costs: tuple[float, ...]
-    conflicts: tuple[int, ...]
 
 
 class _Network(Protocol):
@@ -57,6 +37,13 @@ class _Network(Protocol):
 
 class _Kernel(Protocol):
     """What is used of the extension module."""
+
+    TERMS: tuple[str, ...]
+    """Kinds of costs, each at its number."""
+    PROJECTIONS: tuple[str, ...]
+    """Each at its number."""
+    MAX_TERMS: int
+    MAX_LAYERS: int
 
     def engines(self) -> list[str]: ...
     def Network(  # noqa: N802
@@ -111,6 +98,9 @@ class CompiledPolicy:
         kernel = load_kernel()
         self.engine = engine or kernel.engines()[0]
         """The instruction set in use."""
+        self._kinds = {name: number for number, name in enumerate(kernel.TERMS)}
+        self._projections = {name: number for number, name in enumerate(kernel.PROJECTIONS)}
+        self._most_terms = kernel.MAX_TERMS
         self._action = np.empty((batch, self.action_dim), np.float32)
         result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
         self._velocity_and_tangents = result.transpose(1, 0, 2)
@@ -136,55 +126,34 @@ class CompiledPolicy:
         self._network.step(k)
         return self._velocity_and_tangents
 
+    @property
+    def sampler(self) -> Sampler | None:
+        """Itself."""
+        return self
+
+    def knows(self, projection: str, kinds: Collection[str]) -> bool:
+        """Whether the kernel computes these; see `Sampler.knows`."""
+        known = projection in self._projections and len(kinds) <= self._most_terms
+        return known and all(map(self._kinds.__contains__, kinds))
+
     def sample(
-        self,
-        projection: Projection,
-        terms: Sequence[Sequence[float]],
-        start: Vector2,
-        left_s: float,
-        most_steps: int,
+        self, projection: str, terms: Sequence[Term], start: Vector2, left_s: float, most_steps: int
     ) -> Sample:
-        """Flow one planar robot's action through its steps, for the observation set before.
+        """Flow one planar robot's action through its steps; see `Sampler.sample`.
 
-        Args:
-            projection: how conflicts are resolved.
-            terms: M encoded objectives, see `encode`.
-            start: the flow's start.
-            left_s: seconds from now by which the action is needed; may be infinite.
-            most_steps: cut short after so many steps; T for all of them.
+        Raises:
+            PolicyError: if the policy is for several robots, or has no two action components.
         """
-        numbers = array("d", [number for term in terms for number in term])
-        return Sample(
-            *self._network.sample(
-                PROJECTIONS.index(projection), len(terms), numbers, start, left_s, most_steps
-            )
-        )
-
-
-def encodable(objective: Objective) -> bool:
-    """Whether the kernel computes this objective itself; anything else runs in Python."""
-    return type(objective) in (SpeedLimit, SafetyMargin)
-
-
-def encode(objective: Objective, outlook: Outlook, factor: float) -> list[float]:
-    """One objective in one tick as ``Term`` in ``_kernel_guidance.h`` reads it."""
-    preview, drift = outlook.preview, outlook.drift
-    gains = [factor, preview.position_gain, preview.velocity_gain]
-    if isinstance(objective, SpeedLimit):
-        return [0.0, *gains, objective.limit_m_s - objective.buffer_m_s, drift.vx, drift.vy, 0.0]
-    if not isinstance(objective, SafetyMargin):
-        raise TypeError(f"the kernel does not know {type(objective).__name__}")
-    numbers: list[float] = [
-        1.0,
-        *gains,
-        objective.distance_m + objective.buffer_m,
-        drift.x,
-        drift.y,
-        len(outlook.neighbours),
-    ]
-    for mate in outlook.neighbours:
-        numbers += (mate.x, mate.y, math.copysign(1.0, outlook.robot_id - mate.robot_id))
-    return numbers
+        flat: list[float] = []
+        for kind, factor, position_gain, velocity_gain, numbers in terms:
+            flat += (self._kinds[kind], factor, position_gain, velocity_gain, len(numbers))
+            flat += numbers
+        number = self._projections[projection]
+        try:
+            sampled = self._network.sample(number, len(terms), array("d", flat), start, left_s, most_steps)
+        except ValueError as error:
+            raise PolicyError(f"the compiled kernel cannot sample: {error}") from error
+        return Sample(*sampled)
 
 
 def _build(

@@ -5,8 +5,6 @@ their d tangents, so a layer costs one product. What depends on the observation 
 what depends on flow time once at load.
 """
 
-from typing import Protocol
-
 import numpy as np
 import numpy.typing as npt
 from numpy import add, multiply, subtract, tanh
@@ -14,32 +12,6 @@ from numpy import add, multiply, subtract, tanh
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.weights import FlowWeights
-
-
-class VelocityField(Protocol):
-    """What guidance needs of a policy, whoever computes it."""
-
-    backend: str
-    batch: int
-    euler_steps: int
-    action_dim: int
-    observation_dim: int
-
-    def observe(self, observation: npt.ArrayLike) -> None:
-        """Set the observations (B, O) for the coming steps."""
-        ...
-
-    def step(self, k: int, action: npt.ArrayLike) -> Array:
-        """Evaluate at flow time k / T.
-
-        Args:
-            k: Euler step, 0 <= k < T.
-            action: (B, d) current actions along the flow.
-
-        Returns:
-            (1 + d, B, d), valid until the next call: [0] is the velocity v, [1 + j] is dv/da_j.
-        """
-        ...
 
 
 class _Layer:
@@ -78,6 +50,7 @@ class FlowPolicy:
     """
 
     backend = "numpy"
+    sampler = None
 
     def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1) -> None:
         if euler_steps < 1 or batch < 1:

@@ -44,6 +44,7 @@ class OnnxPolicy:
     """
 
     backend = "onnxruntime"
+    sampler = None
 
     def __init__(
         self, graph: Path, action_dim: int, observation_dim: int, euler_steps: int, batch: int = 1
@@ -52,15 +53,11 @@ class OnnxPolicy:
             raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
         self.batch, self.euler_steps = batch, euler_steps
         self.action_dim, self.observation_dim = action_dim, observation_dim
-        self._session = _open_session(graph)
+        self._graph, self._session = graph, _open_session(graph)
         self._observation = np.zeros((batch, observation_dim), np.float32)
         self._result = np.empty((1 + action_dim, batch, action_dim), np.float32)
         _check_sizes(self._session, {"action": action_dim, "tau": 1, "observation": observation_dim}, graph)
-        try:
-            self.step(0, np.zeros((batch, action_dim), np.float32))
-        except Exception as error:  # onnxruntime's errors share no other base class
-            reason = str(error).splitlines()[0]
-            raise PolicyError(f"{graph}: cannot be computed for a batch of {batch} ({reason})") from error
+        self.step(0, np.zeros((batch, action_dim), np.float32))
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.
@@ -84,14 +81,18 @@ class OnnxPolicy:
         return self._run(action, tau, observation).copy()
 
     def _run(self, action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike) -> Array:
-        velocity, jacobian = self._session.run(
-            ["velocity", "jacobian"],
-            {
-                "action": np.asarray(action, np.float32),
-                "tau": np.asarray(tau, np.float32)[:, None],
-                "observation": np.asarray(observation, np.float32),
-            },
-        )
+        inputs = {
+            "action": np.asarray(action, np.float32),
+            "tau": np.asarray(tau, np.float32)[:, None],
+            "observation": np.asarray(observation, np.float32),
+        }
+        try:
+            velocity, jacobian = self._session.run(["velocity", "jacobian"], inputs)
+        except Exception as error:  # onnxruntime's errors share no other base class
+            reason = str(error).splitlines()[0]
+            raise PolicyError(
+                f"{self._graph}: cannot be computed for a batch of {self.batch} ({reason})"
+            ) from error
         self._result[0] = velocity
         self._result[1:] = np.moveaxis(jacobian, 2, 0)
         return self._result

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.flow import PREFERENCE_RATE, PREFERENCE_STEPS, TINY
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.policy.numpy_policy import VelocityField
+from edge_runtime.policy.velocity_field import VelocityField
 from export.evaluation.objectives import evaluate_batch
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BATCH, BatchCombine, cone_batch

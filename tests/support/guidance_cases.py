@@ -60,6 +60,7 @@ def gaussian_flow(std, mean, steps):
     """
 
     class ShiftedPrior:
+        sampler = None
         backend, batch, euler_steps, action_dim, observation_dim = "closed form", 1, steps, 2, 1
 
         def observe(self, observation):
@@ -72,6 +73,18 @@ def gaussian_flow(std, mean, steps):
             return np.concatenate([velocity[None], gain * np.eye(2)[:, None, :]])
 
     return ShiftedPrior()
+
+
+class Stepwise:
+    """A policy whose steps are taken one by one, with objectives and projections in Python."""
+
+    sampler = None
+
+    def __init__(self, policy):
+        self._policy = policy
+
+    def __getattr__(self, name):
+        return getattr(self._policy, name)
 
 
 class Quadratic(Objective, frozen=True, kw_only=True, tag="quadratic"):

@@ -24,7 +24,7 @@ from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
-from edge_runtime.policy.numpy_policy import VelocityField
+from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.recording.json_codec import encode
 from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, Observation, Start, Tick
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from edge_runtime.control.limits import CommandLimits, first_command, limited
-from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 
 LIMITS = CommandLimits(
     low=(-1.0, -0.5),

@@ -4,8 +4,7 @@ import math
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.monitor import SETTLE_S, Monitor
-from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 
 COMMAND = Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0))
 

@@ -17,8 +17,9 @@ from guidance_cases import (
     guide_for,
     random_team,
 )
-from networks import random_weights
+from networks import needs_kernel, random_weights
 
+from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -29,6 +30,7 @@ from edge_runtime.objectives import (
     Slope,
     SpeedLimit,
 )
+from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
 
@@ -149,6 +151,83 @@ def test_non_finite_inputs_are_faults(bad):
     result = guided_action(policy, clean, team, guide_for([SpeedLimit(limit_m_s=1.0), Faulty(bad=bad)]))
     assert "faulty" in result.fault
     assert result.action == (0.0, 0.0)
+
+
+class Raising(Objective, frozen=True, kw_only=True, tag="raising"):
+    """Fails in its ``after``-th call."""
+
+    after: int = 0
+    asked: ClassVar[list[int]] = []
+
+    def evaluate(self, motion, outlook):
+        self.asked.append(0)
+        return Slope(0.0) if len(self.asked) <= self.after else 1 / 0
+
+
+class Wordless(Objective, frozen=True, kw_only=True, tag="wordless"):
+    def evaluate(self, motion, outlook):
+        return None
+
+
+class Unencodable(Objective, frozen=True, kw_only=True, tag="unencodable"):
+    kernel_term: ClassVar[str] = "speed_limit"
+
+    def evaluate(self, motion, outlook):
+        return Slope(0.0)
+
+
+@pytest.mark.parametrize(
+    ("objective", "steps", "fault"),
+    [
+        (Raising(), 0, "objective raising raised ZeroDivisionError: division by zero"),
+        (Raising(after=3), 3, "objective raising raised ZeroDivisionError: division by zero"),
+        (Raising(after=5), 5, "objective raising raised ZeroDivisionError: division by zero"),
+        (Wordless(), 0, "objective wordless raised TypeError: cannot unpack"),
+    ],
+    ids=["at once", "on the way", "in the correction", "no slope"],
+)
+def test_an_objective_that_raises_is_named(objective, steps, fault):
+    Raising.asked.clear()
+    team, policy = random_team(np.random.default_rng(1)), FlowPolicy(random_weights(), 5)
+    guide = guide_for([SpeedLimit(limit_m_s=0.1), objective])
+    result = guided_action(policy, np.zeros((1, 18), np.float32), team, guide)
+    assert (result.action, result.steps) == ((0.0, 0.0), steps)
+    assert result.fault.startswith(fault)
+
+
+@needs_kernel
+def test_an_objective_that_cannot_be_encoded_is_named():
+    team, policy = random_team(np.random.default_rng(1)), CompiledPolicy(random_weights(), 5)
+    result = guided_action(policy, np.zeros((1, 18), np.float32), team, guide_for([Unencodable()]))
+    assert result.action == (0.0, 0.0)
+    assert result.fault.startswith("objective unencodable raised NotImplementedError: Unencodable must")
+
+
+class Broken:
+    """A policy that fails, whole or step by step."""
+
+    backend, batch, euler_steps, action_dim, observation_dim = "broken", 1, 5, 2, 18
+    sampler = None
+
+    def observe(self, observation):
+        pass
+
+    def step(self, k, action):
+        raise PolicyError("the graph cannot be computed")
+
+    def knows(self, projection, kinds):
+        return True
+
+    def sample(self, projection, terms, start, left_s, most_steps):
+        raise PolicyError("the kernel cannot sample")
+
+
+@pytest.mark.parametrize(("whole", "problem"), [(False, "graph"), (True, "kernel")])
+def test_a_policy_that_fails_is_no_objectives_fault(whole, problem):
+    team, policy = random_team(np.random.default_rng(1)), Broken()
+    policy.sampler = policy if whole else None
+    with pytest.raises(PolicyError, match=problem):
+        guided_action(policy, np.zeros((1, 18), np.float32), team, guide_for([SpeedLimit(limit_m_s=0.1)]))
 
 
 class FaultyAtTheEnd(Objective, frozen=True, kw_only=True, tag="faulty_at_the_end"):

@@ -3,12 +3,12 @@
 import math
 import shutil
 import time
+from types import SimpleNamespace
 from typing import get_args
 
-import msgspec
 import numpy as np
 import pytest
-from guidance_cases import DYNAMICS, guide_for, random_team
+from guidance_cases import DYNAMICS, Stepwise, guide_for, random_team
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks import ENGINES, needs_kernel, random_weights
@@ -19,22 +19,17 @@ from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.projection import PLANAR
 from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.objectives import BUILT_IN, SafetyMargin, SpeedLimit
 from edge_runtime.policy import backend
 from edge_runtime.policy import compiled_policy as kernel
 from edge_runtime.policy.backend import make_policy
-from edge_runtime.policy.compiled_policy import PROJECTIONS, CompiledPolicy
+from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
 
 @pytest.fixture(autouse=True)
 def warn_again():
     backend._warn.cache_clear()
-
-
-def in_python(guide):
-    """The same guide, kept from the kernel's loop."""
-    return msgspec.structs.replace(guide, native=False)
 
 
 number = st.floats(0.05, 2.0)
@@ -62,7 +57,7 @@ def test_the_flow_in_the_kernel_is_the_flow_in_python(
     team, start = random_team(draw, mates), tuple(draw.standard_normal(2).tolist())
     guide = make_guide(ObjectiveSet(objectives, guidance), DYNAMICS)
     compiled = guided_action(policy, observation, team, guide, start)
-    python = guided_action(policy, observation, team, in_python(guide), start)
+    python = guided_action(Stepwise(policy), observation, team, guide, start)
     np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(compiled.costs, python.costs, rtol=1e-5, atol=1e-6)
     assert (compiled.steps, compiled.fault) == (python.steps, "") == (steps, "")
@@ -86,8 +81,25 @@ def test_an_action_equals_numpys(make_compiled, mode, tolerance):
         np.testing.assert_allclose(found.action, expected.action, rtol=tolerance, atol=tolerance)
 
 
-def test_projections_are_numbered_as_they_are_named():
-    assert set(PROJECTIONS) == set(PLANAR)
+@needs_kernel
+def test_the_kernel_says_what_it_knows():
+    module = load_kernel()
+    assert set(module.PROJECTIONS) == set(PLANAR)
+    own = [vars(kind)["kernel_term"] for kind in BUILT_IN if "kernel_term" in vars(kind)]
+    assert sorted(module.TERMS) == sorted(own)
+    assert (module.MAX_TERMS, module.MAX_LAYERS) == (32, 16)
+
+
+def test_more_terms_than_the_kernel_holds_are_left_to_python(make_compiled):
+    policy, most = make_compiled(random_weights(), 2), load_kernel().MAX_TERMS
+    knows = policy.sampler.knows
+    assert knows("cone", ("speed_limit",) * most)
+    assert not knows("cone", ("speed_limit",) * (most + 1))
+    assert not knows("cone", ("speed_limit", "a_wish"))
+    assert not knows("sideways", ("speed_limit",))
+    guide = guide_for([SpeedLimit(limit_m_s=1.0)] * (most + 1))
+    found = guided_action(policy, np.zeros((1, 18), np.float32), random_team(np.random.default_rng(0)), guide)
+    assert (found.fault, len(found.costs)) == ("", most + 1)
 
 
 def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
@@ -105,12 +117,7 @@ def test_coinciding_robots_part_in_the_order_of_their_numbers(make_compiled):
             (Teammate(RobotState(mate, 0.0, there, (0.0, 0.0))),),
         )
         compiled = guided_action(policy, observation, team, guide)
-        python = guided_action(
-            policy,
-            observation,
-            team,
-            in_python(guide_for(guide.objectives, mode="none", scale=1.0)),
-        )
+        python = guided_action(Stepwise(policy), observation, team, guide)
         assert math.isfinite(compiled.action[0])
         assert compiled.costs[0] > 0.0
         np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6)
@@ -121,7 +128,7 @@ def test_a_late_tick_returns_the_newest_estimate(make_compiled):
     guide = guide_for([SpeedLimit(limit_m_s=0.2)])
     team, observation = random_team(np.random.default_rng(0)), np.zeros((1, 18), np.float32)
     late = guided_action(policy, observation, team, guide, deadline_s=0.0)
-    python = guided_action(policy, observation, team, in_python(guide), deadline_s=0.0)
+    python = guided_action(Stepwise(policy), observation, team, guide, deadline_s=0.0)
     assert late.steps == python.steps == 1
     np.testing.assert_allclose(late.action, python.action, rtol=1e-6)
     in_time = guided_action(policy, observation, team, guide, deadline_s=time.monotonic() + 60.0)
@@ -151,8 +158,20 @@ def test_a_gradient_that_is_not_finite_is_named(make_compiled):
     policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
     team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (math.inf, 0.0)))
     found = guided_action(policy, observation, team, guide)
-    assert found == guided_action(policy, observation, team, in_python(guide))
+    assert found == guided_action(Stepwise(policy), observation, team, guide)
     assert "speed_limit is not finite" in found.fault
+
+
+@pytest.mark.parametrize("stepwise", [False, True])
+def test_a_velocity_that_is_not_finite_is_no_objectives_fault(make_compiled, stepwise):
+    weights = random_weights()
+    weights.biases[-1][0] = np.nan
+    policy = make_compiled(weights, 5)
+    guide, team = guide_for([SpeedLimit(limit_m_s=0.2)]), random_team(np.random.default_rng(1))
+    found = guided_action(
+        Stepwise(policy) if stepwise else policy, np.zeros((1, 18), np.float32), team, guide
+    )
+    assert (found.action, found.fault) == ((0.0, 0.0), "the policy's velocity is not finite")
 
 
 def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
@@ -162,8 +181,9 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
 
     guide = guide_for([Slower(limit_m_s=0.2)])
     built_in = guide_for([SpeedLimit(limit_m_s=0.2)])
-    assert (guide.native, built_in.native) == (False, True)
+    assert (guide.kernel_terms, built_in.kernel_terms) == (("",), ("speed_limit",))
     policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
+    assert not policy.sampler.knows(guide.projection, guide.kernel_terms)
     team = random_team(np.random.default_rng(0))
     own = guided_action(policy, observation, team, guide)
     np.testing.assert_allclose(
@@ -181,17 +201,43 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
         (lambda net: net.observe(np.zeros((1, 18))), ValueError),
         (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
         (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
-        (lambda net: net.sample(0, 1, np.zeros(7), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [9.0]), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, 1, np.array([1.0] * 7 + [-1.0]), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, 33, np.zeros(33 * 8), (0.0, 0.0), 1.0, 9), ValueError),
         (lambda net: net.sample(9, 0, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
         (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 33, np.zeros(33 * 5), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: net.sample(0, 1, np.zeros(8, "f"), (0.0, 0.0), 1.0, 9), ValueError),
     ],
 )
 def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, problem):
     with pytest.raises((problem, BufferError)):
         call(make_compiled(random_weights(), 3)._network)
+
+
+def head(kind=0.0, count=3.0):
+    return [kind, 1.0, 1.0, 1.0, count]
+
+
+SPEED, MARGIN = [*head(), 0.2, 0.0, 0.0], [*head(1.0, 6.0), 0.2, 0.0, 0.0, 1.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("terms", "wrong"),
+    [
+        ([], 0),
+        (SPEED[:4], 0),
+        (SPEED[:7], 0),
+        (SPEED, 1),
+        ([*SPEED, *MARGIN[:-1]], 1),
+        *(([*head(kind), 0.2, 0.0, 0.0], 0) for kind in (-1.0, 2.0, 1e300, math.inf, math.nan)),
+        # Three numbers for each of 1431655769 neighbours are eleven, if nobody looks before they overflow.
+        *(([*head(1.0, n)] + [0.0] * 12, 0) for n in (-1.0, 2.0, 5.0, 13.0, 1431655769.0, 1e300, math.nan)),
+        ([*head(0.0, 6.0)] + [0.0] * 6, 0),
+    ],
+)
+def test_the_kernel_refuses_terms_that_do_not_hold_what_they_say(make_compiled, terms, wrong):
+    net = make_compiled(random_weights(), 3)._network
+    for count in (wrong + 1, wrong + 2):
+        with pytest.raises(ValueError, match=f"term {wrong} does not hold what its kind takes"):
+            net.sample(0, count, np.array(terms), (0.0, 0.0), 1.0, 9)
 
 
 @pytest.mark.parametrize(
@@ -210,14 +256,11 @@ def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, p
 def test_the_extension_takes_no_array_of_another_size(make_compiled, monkeypatch, part, replacement):
     module = kernel.load_kernel()
 
-    class Changed:
-        engines = module.engines
+    def network(*arguments):
+        return module.Network(*arguments[:part], replacement, *arguments[part + 1 :])
 
-        @staticmethod
-        def Network(*arguments):  # noqa: N802
-            return module.Network(*arguments[:part], replacement, *arguments[part + 1 :])
-
-    monkeypatch.setattr(kernel, "load_kernel", lambda: Changed)
+    changed = SimpleNamespace(**{**vars(module), "Network": network})
+    monkeypatch.setattr(kernel, "load_kernel", lambda: changed)
     with pytest.raises((PolicyError, TypeError, BufferError)):
         make_compiled(random_weights(), 3)
 

@@ -78,3 +78,15 @@ def test_no_graph_at_all(tmp_path):
     (tmp_path / "policy.onnx").write_bytes(b"a graph")
     with pytest.raises(PolicyError, match=r"policy\.onnx: onnxruntime cannot load it"):
         OnnxPolicy(tmp_path / "policy.onnx", 2, 18, 10)
+
+
+def test_a_graph_that_fails_on_the_way_is_one_line(graph, monkeypatch):
+    policy = OnnxPolicy(graph, 2, 18, 10)
+
+    class Failing:
+        def run(self, outputs, inputs):
+            raise RuntimeError("Non-zero status code\nand more")
+
+    monkeypatch.setattr(policy, "_session", Failing())
+    with pytest.raises(PolicyError, match=r"policy\.onnx: cannot be computed .*\(Non-zero status code\)$"):
+        policy.step(3, np.zeros((1, 2)))

@@ -15,8 +15,9 @@ from bundles import write_straight_bundle
 from networks import ENGINES
 
 from edge_runtime.control.rate import DeadlineGrid
-from edge_runtime.errors import BridgeError
+from edge_runtime.errors import BridgeError, PolicyError
 from edge_runtime.messages import RobotState
+from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.run import edge_run as run
 from firmware_bridge.simulation import bridge as sim
 
@@ -312,6 +313,17 @@ def test_a_link_that_fails_ends_the_run_stopped(drive, capsys):
     assert capsys.readouterr().err == "edge-run: the bus is gone\n"
 
 
+def test_a_policy_that_fails_ends_the_run_stopped(drive, capsys, monkeypatch):
+    def step(*_):
+        raise PolicyError("the policy cannot be computed")
+
+    monkeypatch.setattr(FlowPolicy, "step", step)
+    code, bridge, path = drive([state(), state()], "--backend", "numpy")
+    assert (code, bridge.written, bridge.stops) == (1, [], ["closed"])
+    assert capsys.readouterr().err == "edge-run: the policy cannot be computed\n"
+    assert report_of(path)["failed"]
+
+
 def test_a_link_that_does_not_open_starts_nothing(drive, capsys):
     code, bridge, _ = drive([state()], shut=True)
     assert (code, bridge.written, bridge.stops) == (2, [], [])
@@ -338,7 +350,7 @@ def test_an_objective_that_raises_stops_the_robot_in_that_tick(drive, tmp_path):
     code, bridge, path = drive([state(), state()], "--objectives", objectives_file(tmp_path, "Raising"))
     assert code == 0
     assert all(command.action == (0.0, 0.0) for command in bridge.written)
-    assert report_of(path)["faults"] == {"an objective raised ZeroDivisionError: division by zero": 2}
+    assert report_of(path)["faults"] == {"objective Raising raised ZeroDivisionError: division by zero": 2}
 
 
 def test_an_objective_without_a_cost_is_refused(drive, tmp_path, capsys):

@@ -13,8 +13,7 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
-from edge_runtime.guidance.flow import GuidedAction
-from edge_runtime.messages import Command, RobotState
+from edge_runtime.messages import Command, GuidedAction, RobotState
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.bundle import packaged_bundle
 

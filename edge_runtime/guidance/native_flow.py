@@ -1,0 +1,47 @@
+"""The flow's steps where a policy takes them all at once, as the compiled kernel does."""
+
+import time
+from collections.abc import Sequence
+
+from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.slopes import ObjectiveError, encoded, not_finite
+from edge_runtime.messages import GuidedAction, Vector2
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.policy.velocity_field import Sampler, Term
+
+
+def native_flow(
+    sampler: Sampler,
+    outlooks: Sequence[Outlook],
+    guide: Guide,
+    start: Vector2,
+    deadline_s: float,
+    euler_steps: int,
+    most_steps: int,
+) -> GuidedAction:
+    """Sample an action that is still to be corrected; the observation is set already."""
+    terms = []
+    for kind, factor, objective, outlook in zip(
+        guide.kernel_terms, guide.factors, guide.objectives, outlooks, strict=True
+    ):
+        try:
+            numbers = encoded(objective, outlook)
+        except ObjectiveError as error:
+            return GuidedAction((0.0, 0.0), 0, fault=str(error))
+        preview = outlook.preview
+        terms.append(Term(kind, factor, preview.position_gain, preview.velocity_gain, numbers))
+    sample = sampler.sample(guide.projection, terms, start, deadline_s - time.monotonic(), most_steps)
+    if sample.fault >= 0:
+        fault = str(not_finite(guide.objectives[sample.fault]))
+        return GuidedAction(sample.action, sample.steps, fault=fault)
+    cut = sample.steps < euler_steps
+    return GuidedAction(
+        sample.action,
+        sample.steps,
+        sample.costs,
+        sample.projections,
+        "",
+        sample.conflicts,
+        sample.opposed,
+        cut=cut,
+    )

@@ -1,0 +1,91 @@
+"""What guidance needs of a policy, whoever computes it: a step's velocity and Jacobian, or a whole sample."""
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy.typing as npt
+
+from edge_runtime.common.arrays import Array
+from edge_runtime.messages import Vector2
+
+
+class Term(NamedTuple):
+    """One cost of one tick, in plain numbers; who states it and what it is for, a policy need not know."""
+
+    kind: str
+    """One that the sampler knows."""
+    factor: float
+    """Weight of its gradient."""
+    position_gain: float
+    """What the action adds to the position that the cost is of."""
+    velocity_gain: float
+    """What the action adds to the velocity that the cost is of."""
+    numbers: Sequence[float]
+    """All else that a cost of this kind depends on."""
+
+
+class Sample(NamedTuple):
+    """A whole guided flow; compare `edge_runtime.messages.GuidedAction`."""
+
+    action: Vector2
+    """Where the flow ended, or where it was when a gradient was not finite."""
+    steps: int
+    projections: int
+    fault: int
+    """Place of the term whose gradient was not finite, or -1."""
+    opposed: int
+    costs: tuple[float, ...]
+    conflicts: tuple[int, ...]
+
+
+class Sampler(Protocol):
+    """Takes all steps of a flow at once."""
+
+    def knows(self, projection: str, kinds: Collection[str]) -> bool:
+        """Whether it can combine the gradients of so many costs of these kinds in this way."""
+        ...
+
+    def sample(
+        self, projection: str, terms: Sequence[Term], start: Vector2, left_s: float, most_steps: int
+    ) -> Sample:
+        """Flow one planar robot's action through its steps, for the observation set before.
+
+        Args:
+            projection: how gradients that conflict are combined.
+            terms: M costs.
+            start: the flow's start.
+            left_s: seconds from now by which the action is needed; may be infinite.
+            most_steps: cut short after so many steps; T for all of them.
+        """
+        ...
+
+
+class VelocityField(Protocol):
+    """v_theta(a, tau | o) and dv/da, prepared for T steps and B inputs at once."""
+
+    backend: str
+    batch: int
+    euler_steps: int
+    action_dim: int
+    observation_dim: int
+
+    @property
+    def sampler(self) -> Sampler | None:
+        """Takes all steps at once; None where they are taken one by one."""
+        ...
+
+    def observe(self, observation: npt.ArrayLike) -> None:
+        """Set the observations (B, O) for the coming steps."""
+        ...
+
+    def step(self, k: int, action: npt.ArrayLike) -> Array:
+        """Evaluate at flow time k / T.
+
+        Args:
+            k: Euler step, 0 <= k < T.
+            action: (B, d) current actions along the flow.
+
+        Returns:
+            (1 + d, B, d), valid until the next call: [0] is the velocity v, [1 + j] is dv/da_j.
+        """
+        ...
