@@ -7,6 +7,14 @@ import msgspec
 
 GREATEST: Final = 1e6
 """Of any length, speed, weight or factor, in SI units: far beyond every robot, far from overflow."""
+GREATEST_SPEED_M_S: Final = 1e3
+"""Of any robot that tells its motion."""
+
+
+def is_motion(x_m: float, y_m: float, v_x_m_s: float, v_y_m_s: float) -> bool:
+    """Whether position and velocity can be a robot's: finite, within `GREATEST` and `GREATEST_SPEED_M_S`."""
+    within = abs(x_m) <= GREATEST and abs(y_m) <= GREATEST
+    return within and abs(v_x_m_s) <= GREATEST_SPEED_M_S and abs(v_y_m_s) <= GREATEST_SPEED_M_S
 
 
 def check_bounds(record: msgspec.Struct, bounds: Mapping[str, tuple[float, float]]) -> None:

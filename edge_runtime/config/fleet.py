@@ -31,11 +31,13 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An own state older than this stops the robot; may be made stricter, never laxer."""
     slew_per_s: float | None = None
     """Greatest change of each action component in a second; unlimited where None."""
+    max_action: float | None = None
+    """Greatest magnitude of each action component, in its unit; the policy's own limits where None."""
 
     def __post_init__(self) -> None:
         positive = (1.0 / GREATEST, GREATEST)
-        check_bounds(self, {"goal_tolerance_m": positive, "slew_per_s": positive, "rate_hz": RATE_HZ})
-        check_bounds(self, {"max_state_age_s": (1e-3, OLDEST_STATE_S)})
+        check_bounds(self, dict.fromkeys(("goal_tolerance_m", "slew_per_s", "max_action"), positive))
+        check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
 
 
 class Fleet(msgspec.Struct, frozen=True):

@@ -34,6 +34,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Share of the velocity lost in one step of the policy; the policy's where None."""
     slew_per_s: float | None = None
     """Greatest change of each action component in a second; the team's where None."""
+    max_action: float | None = None
+    """Greatest magnitude of each action component; the team's where None."""
     max_speed_m_s: float | None = None
     """Greatest commanded speed; the bridge's where None."""
     pose: str = "bridge"
@@ -55,7 +57,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             getattr(self, field)
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
         positive = (1.0 / GREATEST, GREATEST)
-        check_bounds(self, dict.fromkeys(("mass_kg", "slew_per_s", "max_speed_m_s"), positive))
+        check_bounds(self, dict.fromkeys(("mass_kg", "slew_per_s", "max_action", "max_speed_m_s"), positive))
         if self.drag is not None and not 0.0 <= self.drag < 1.0:
             raise ValueError(f"`drag` must lie in [0, 1), got {self.drag:g}")
         if self.neighbours and len(set(self.neighbours)) < len(self.neighbours):

@@ -8,6 +8,7 @@ import math
 
 import msgspec
 
+from edge_runtime.common.bounds import is_motion
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
 from edge_runtime.motion.dynamics import Preview
 
@@ -70,12 +71,12 @@ def first_command(robot_id: int) -> Command:
 def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
     """Why no action may rest on these states; empty if one may."""
     if not _usable(team.own):
-        return "the robot's own state is not finite"
+        return "the robot's own state is not finite, or absurd"
     if not abs(now_s - team.own.stamp_s) <= max_age_s:  # a state from the future is no better
         return f"the robot's own state is not of the last {max_age_s:g} s"
     for mate in team.teammates:
         if not (_usable(mate.state) and _finite(mate.intended_action)):
-            return f"the state of robot {mate.state.robot_id} is not finite"
+            return f"the state of robot {mate.state.robot_id} is not finite, or absurd"
     return team.fault
 
 
@@ -92,7 +93,7 @@ def _shortened(velocity: Vector2, max_speed: float) -> Vector2:
 
 
 def _usable(state: RobotState) -> bool:
-    return _finite(state.position_m) and _finite(state.velocity_m_s)
+    return is_motion(*state.position_m, *state.velocity_m_s)
 
 
 def _finite(vector: Vector2) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from edge_runtime.config.fleet import Fleet
+from edge_runtime.config.fleet import Fleet, Team
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
@@ -20,15 +20,23 @@ from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import Bundle
 
 
-def adapted(bundle: Bundle, robot: Robot) -> Bundle:
-    """Return the bundle with a robot's own mass and drag, where the fleet file states them."""
+def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
+    """Return the bundle with a robot's own mass and drag, and its actions within the fleet file's limit."""
     dynamics = bundle.manifest.dynamics
     dynamics = msgspec.structs.replace(
         dynamics,
         mass_kg=dynamics.mass_kg if robot.mass_kg is None else robot.mass_kg,
         drag=dynamics.drag if robot.drag is None else robot.drag,
     )
-    return replace(bundle, manifest=msgspec.structs.replace(bundle.manifest, dynamics=dynamics))
+    most = team.max_action if robot.max_action is None else robot.max_action
+    action = bundle.manifest.action
+    if most is not None:
+        action = tuple(
+            msgspec.structs.replace(field, low=max(field.low, -most), high=min(field.high, most))
+            for field in action
+        )
+    manifest = msgspec.structs.replace(bundle.manifest, dynamics=dynamics, action=action)
+    return replace(bundle, manifest=manifest)
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,13 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from edge_runtime.common.bounds import GREATEST
+from edge_runtime.common.bounds import GREATEST, is_motion
 from edge_runtime.messages import Vector2
 from edge_runtime.network.team_wire import FrameError, Refusal
 
 STREAM_MAGIC: Final = b"CFS\x01"
 """Its last byte is the version of the layout; change it with the layout."""
 MOST_VALUES: Final = 1024
-GREATEST_SPEED_M_S: Final = 1e3
-"""Of any robot; no position, heading or range is above `GREATEST`."""
 _HEAD: Final = struct.Struct("<4sBxHHxxQQQQd")
 _TAG_BYTES: Final = 32
 
@@ -103,7 +101,7 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
     values = struct.unpack_from(f"<{count}d", body, _HEAD.size)
     if not (math.isfinite(stamp_s) and all(map(math.isfinite, values))):
         raise FrameError(Refusal.NOT_FINITE)
-    speeds = values[2:4] if kind == Kind.POSE else ()
-    if not (all(abs(v) <= GREATEST for v in values) and all(abs(v) <= GREATEST_SPEED_M_S for v in speeds)):
+    absurd = any(abs(value) > GREATEST for value in values)
+    if absurd or (kind == Kind.POSE and not is_motion(*values[:4])):
         raise FrameError(Refusal.MALFORMED)
     return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values)

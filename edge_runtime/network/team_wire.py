@@ -15,6 +15,7 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.common.bounds import GREATEST, is_motion
 from edge_runtime.messages import RobotState, Vector2
 
 MAGIC: Final = b"CFP\x02"
@@ -124,7 +125,7 @@ def decode(packet: bytes, key: bytes) -> Frame:
     """Read a packet.
 
     Raises:
-        FrameError: if it is malformed, not made with this key, or holds a number that is not finite.
+        FrameError: if it is malformed, not made with this key, or a number is not finite or absurd.
     """
     if len(packet) != FRAME_BYTES or packet[: len(MAGIC)] != MAGIC:
         raise FrameError(Refusal.MALFORMED)
@@ -138,6 +139,8 @@ def decode(packet: bytes, key: bytes) -> Frame:
     if not all(map(math.isfinite, numbers)):
         raise FrameError(Refusal.NOT_FINITE)
     stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers
+    if not is_motion(x, y, v_x, v_y) or max(abs(heading), abs(a_x), abs(a_y)) > GREATEST:
+        raise FrameError(Refusal.MALFORMED)
     state = RobotState(sender, stamp, (x, y), (v_x, v_y), heading)
     versions = GuideVersions(version, digest, next_digest, next_tick)
     return Frame(receiver, boot_id, sequence, challenge, answer, state, (a_x, a_y), listens, tick, versions)

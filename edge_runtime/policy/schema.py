@@ -163,6 +163,8 @@ def _check_action(rules: _Rules, manifest: Manifest) -> None:
         rules.require(
             field.low < field.high, f"action[{index}].low", field.low, f"below its high, {field.high}"
         )
+        rules.require(field.low <= 0.0, f"action[{index}].low", field.low, "at most 0, which is rest")
+        rules.require(field.high >= 0.0, f"action[{index}].high", field.high, "at least 0, which is rest")
 
 
 def _check_network(rules: _Rules, manifest: Manifest) -> None:

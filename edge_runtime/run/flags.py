@@ -136,7 +136,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)
-    bundle = adapted(bundle, robot)
+    bundle = adapted(bundle, robot, fleet.team)
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
     return Mission(
         flags.robot_id,

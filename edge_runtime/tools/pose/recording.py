@@ -14,10 +14,10 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, GREATEST_SPEED_M_S, check_bounds
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
-from edge_runtime.network.stream_wire import GREATEST_SPEED_M_S, MOST_VALUES
+from edge_runtime.network.stream_wire import MOST_VALUES
 
 LARGEST_FILE: Final = 1 << 26
 """Bytes; four robots at 100 Hz for half an hour take it."""

@@ -177,5 +177,5 @@ def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:
     """
     name = robot.policy or fleet.team.policy
     if policy or "/" in name:
-        return adapted(load_bundle(Path(policy or name)), robot)
-    return adapted(packaged_bundle(name), robot)
+        return adapted(load_bundle(Path(policy or name)), robot, fleet.team)
+    return adapted(packaged_bundle(name), robot, fleet.team)

@@ -10,8 +10,8 @@ from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 ROBOT_KEYS = (
-    "id, start_m, goal_m, address, neighbours, policy, mass_kg, drag, slew_per_s, max_speed_m_s, pose, "
-    "ranges, rigid_body, zenoh"
+    "id, start_m, goal_m, address, neighbours, policy, mass_kg, drag, slew_per_s, max_action, max_speed_m_s, "
+    "pose, ranges, rigid_body, zenoh"
 )
 ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"
 OWN = """

@@ -6,7 +6,10 @@ import pytest
 from bundles import write_straight_bundle
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.run.flags import make_mission, make_parser
+from firmware_bridge.can.bridge import CanFlags, make_spec
+from firmware_bridge.guard.spec import GuardFlags
 
 FLEET = """
 [carrier]
@@ -14,6 +17,7 @@ key = "team.key"
 [team]
 policy = "./straight"
 slew_per_s = 5.0
+max_action = 100.0
 [[robots]]
 id = 0
 start_m = [0, 0]
@@ -29,6 +33,7 @@ mass_kg = 2.5
 drag = 0.5
 slew_per_s = 0.5
 max_speed_m_s = 0.4
+max_action = 0.25
 """
 
 
@@ -69,6 +74,25 @@ def test_its_own_limits_are_kept(mission_of):
     assert mission_of(1).controllers(max_speed_m_s=0.1)[1].limits.max_speed_m_s == 0.1
     limits = mission_of(0).controllers(max_speed_m_s=1.0)[0].limits
     assert (limits.max_speed_m_s, limits.max_step) == (1.0, pytest.approx(5.0 * mission_of(0).period_s))
+
+
+def test_the_fleet_files_limit_bounds_the_policys_and_never_widens_it(mission_of):
+    own = packaged_bundle("navigation").manifest.action
+    bounded = mission_of(1)
+    assert [(field.low, field.high) for field in bounded.bundle.manifest.action] == [(-0.25, 0.25)] * 2
+    limits = bounded.controllers()[1].limits
+    assert (limits.low, limits.high) == ((-0.25, -0.25), (0.25, 0.25))
+    straight = mission_of(0).bundle.manifest.action
+    assert all(field.high < 100.0 for field in straight)
+    assert all(field.high > 0.25 for field in own)
+
+
+def test_the_guard_holds_to_the_same_limit(mission_of):
+    flags = CanFlags("can0", "agilex_v2", GuardFlags())
+    for robot_id, most in ((1, 0.25), (0, mission_of(0).bundle.manifest.action[0].high)):
+        mission = mission_of(robot_id, "--rate", "50")
+        spec = make_spec(robot_id, mission.bundle.manifest, flags, mission.rate_hz)
+        assert spec.limits.action == most
 
 
 def test_an_unknown_robot_lists_the_known_ones(mission_of):

@@ -75,12 +75,14 @@ def test_a_stale_state_stops(now, stops):
     assert (command.action == (0.0, 0.0)) == stops
 
 
-@pytest.mark.parametrize("spoilt", ["position_m", "velocity_m_s"])
-def test_a_teammate_that_is_not_finite_stops(spoilt):
-    mate = replace(RobotState(5, 10.0, (1.0, 1.0), (0.0, 0.0)), **{spoilt: (0.0, math.nan)})
+@pytest.mark.parametrize(
+    ("spoilt", "number"), [("position_m", math.nan), ("velocity_m_s", math.nan), ("position_m", 1e300)]
+)
+def test_a_teammate_that_cannot_be_there_stops(spoilt, number):
+    mate = replace(RobotState(5, 10.0, (1.0, 1.0), (0.0, 0.0)), **{spoilt: (0.0, number)})
     team = TeamState(OWN, (Teammate(mate),))
     command = limited(GuidedAction((1.0, 1.0), 10), team, BEFORE, LIMITS, 10.0)
-    assert zero_because(command) == "the state of robot 5 is not finite"
+    assert zero_because(command) == "the state of robot 5 is not finite, or absurd"
 
 
 def test_a_view_that_is_at_fault_stops():

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from edge_runtime.common.bounds import GREATEST, GREATEST_SPEED_M_S
 from edge_runtime.messages import RobotState
 from edge_runtime.network.team_wire import (
     FRAME_BYTES,
@@ -36,11 +37,12 @@ FRAME = Frame(
     GuideVersions(15, 17, 18, 19),
 )
 
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+numbers = st.floats(-GREATEST, GREATEST)
+speeds = st.floats(-GREATEST_SPEED_M_S, GREATEST_SPEED_M_S)
 vectors = st.tuples(numbers, numbers)
 shorts = st.integers(0, 2**16 - 1)
 longs = st.integers(0, 2**64 - 1)
-states = st.builds(RobotState, shorts, numbers, vectors, vectors, numbers)
+states = st.builds(RobotState, shorts, numbers, vectors, st.tuples(speeds, speeds), numbers)
 ticks = st.integers(0, LAST_TICK)
 versions_of_guides = st.builds(GuideVersions, st.integers(0, 2**32 - 1), longs, longs, ticks)
 frames = st.builds(
@@ -99,6 +101,18 @@ def test_junk_lengths_are_refused(frame, cut, more):
 def test_ticks_that_no_team_reaches_are_refused():
     versions = replace(FRAME.versions, next_tick=LAST_TICK + 1)
     for frame in (replace(FRAME, tick=LAST_TICK + 1), replace(FRAME, versions=versions)):
+        assert refusal(encode(frame, KEY)) is Refusal.MALFORMED
+
+
+def test_numbers_that_no_robot_has_are_refused_as_in_streams():
+    state = FRAME.state
+    for frame in (
+        replace(FRAME, intended_action=(0.0, -1e300)),
+        replace(FRAME, state=replace(state, position_m=(1.1e6, 0.0))),
+        replace(FRAME, state=replace(state, position_m=(0.0, 1e300))),
+        replace(FRAME, state=replace(state, velocity_m_s=(0.0, -1.1e3))),
+        replace(FRAME, state=replace(state, heading_rad=1e300)),
+    ):
         assert refusal(encode(frame, KEY)) is Refusal.MALFORMED
 
 

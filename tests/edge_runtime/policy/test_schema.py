@@ -55,6 +55,8 @@ REFUSALS = [
     ),
     ("network.prior_std", 1e155, f"network.prior_std is 1e+155, {POSITIVE}"),
     ("action.0.low", -1e308, "action[0].low is -1e+308, must be between -1e+06 and 1e+06"),
+    ("action.0.high", -0.5, "action[0].high is -0.5, must be at least 0, which is rest"),
+    ("action.1.low", 0.5, "action[1].low is 0.5, must be at most 0, which is rest"),
     ("network.prior_std", 0, f"network.prior_std is 0.0, {POSITIVE}"),
     ("training.frames", -1, "training.frames is -1, must be at least 0"),
     ("training.score", 1.5, "training.score is 1.5, must be between 0 and 1"),
