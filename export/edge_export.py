@@ -5,22 +5,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from onnx import ModelProto
-
 from edge_runtime.common.command_line import CommandParser, command
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Training
-from edge_runtime.policy.weights import FlowWeights
+from export.algorithms.derivatives import evaluate_torch
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import FACTS_TEMPLATE, Facts, read_facts
-from export.bundle.parity import SAMPLES, evaluate_torch, random_inputs
-from export.bundle.writer import write_bundle
-from export.onnx.affine import NotAnMlpError
-from export.onnx.foreign import read_velocity_graph
+from export.bundle.parity import SAMPLES, random_inputs
+from export.bundle.writer import bundle_draft, write_bundle
 from export.onnx.graph import velocity_graph
+from export.onnx.importing import import_graph
 from export.onnx.jacobian import with_jacobian
-from export.onnx.mlp import read_flow_weights
-from export.onnx.reference import GraphReference
 from export.scenarios import scenario_facts
 from export.training.checkpoint import PolicyFacts, load_policy
 
@@ -58,27 +53,8 @@ def export_run(run_dir: Path, target: Path, *, force: bool = False) -> float:
     graph = with_jacobian(velocity_graph(weights))
     inputs = random_inputs(facts)
     expected = evaluate_torch(network, inputs)
-    return write_bundle(target, facts, graph, weights, inputs, expected, force=force)
-
-
-def export_graph(file: Path, facts: Facts, target: Path, *, force: bool = False) -> tuple[float, str]:
-    """Export a velocity graph that was trained elsewhere.
-
-    Returns:
-        The largest difference between the forms, and how the robot computes the policy.
-
-    Raises:
-        PolicyError: if the graph does not fit or cannot be differentiated.
-        ConfigError: if ``target`` exists.
-        BundleError: if the forms differ.
-    """
-    source = read_velocity_graph(file, len(facts.action), facts.observation_dim)
-    weights, how = _expressed(source)
-    graph = with_jacobian(source if weights is None else velocity_graph(weights))
-    reference = GraphReference(source)
-    inputs = reference.smooth(random_inputs(facts, 2 * SAMPLES), SAMPLES)
-    expected = reference.evaluate(inputs)
-    return write_bundle(target, facts, graph, weights, inputs, expected, force=force), how
+    with bundle_draft(target, force=force) as draft:
+        return write_bundle(draft, facts, graph, weights, inputs, expected)
 
 
 @command("edge-export")
@@ -103,7 +79,8 @@ def _run(arguments: argparse.Namespace) -> str:
         if arguments.facts is None:
             raise ConfigError("--from-onnx needs --facts FILE; --print-facts-template prints an example")
         facts = read_facts(arguments.facts)
-        difference, how = export_graph(arguments.from_onnx, facts, arguments.out, force=arguments.force)
+        imported = import_graph(arguments.from_onnx, facts, arguments.out, force=arguments.force)
+        difference, how = imported.difference, imported.how
     return (
         f"{arguments.out}: bundle written, the robot computes it with {how}\n"
         f"largest difference between the source, policy.onnx and the runtime: {difference:.1e} "
@@ -139,13 +116,6 @@ def _check_shape(run_dir: Path, network: FlowNetwork, facts: Facts) -> None:
             f"{run_dir}: its policy takes {found[0]} numbers and returns {found[1]}, its scenario now has "
             f"{wanted[0]} and {wanted[1]}: train it again"
         )
-
-
-def _expressed(source: ModelProto) -> tuple[FlowWeights | None, str]:
-    try:
-        return read_flow_weights(source), "numpy"
-    except NotAnMlpError as reason:
-        return None, f"onnxruntime ({reason})"
 
 
 def make_parser() -> CommandParser:

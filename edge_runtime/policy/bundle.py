@@ -17,6 +17,7 @@ from edge_runtime.policy.backend import Backend, make_policy
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.onnx_policy import OnnxPolicy
+from edge_runtime.policy.onnx_trial import try_graph
 from edge_runtime.policy.schema import GRAPH_FILE, LARGEST_FILE, WEIGHTS_FILE, check_manifest
 from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.policy.weight_file import unpack_weights
@@ -68,8 +69,9 @@ class Bundle:
 
     def graph_policy(self, batch: int = 1, euler_steps: int | None = None) -> OnnxPolicy:
         """Prepare the policy's graph for onnxruntime, whatever runtime the manifest prefers; as `policy`."""
-        graph, steps = self.directory / GRAPH_FILE, self._steps(euler_steps)
-        return OnnxPolicy(graph, self.manifest.action_dim, self.manifest.observation_dim, steps, batch)
+        graph, sizes = self.directory / GRAPH_FILE, (self.manifest.action_dim, self.manifest.observation_dim)
+        try_graph(graph, *sizes)
+        return OnnxPolicy(graph, *sizes, self._steps(euler_steps), batch)
 
     def _steps(self, euler_steps: int | None) -> int:
         return self.manifest.euler_steps if euler_steps is None else euler_steps

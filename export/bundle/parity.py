@@ -1,14 +1,11 @@
 """Do all forms of a policy compute the same? The check that stands between training and a robot."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from torch import Tensor, nn
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import BundleError
@@ -52,26 +49,6 @@ def random_inputs(facts: Facts, count: int = SAMPLES, seed: int = 0) -> Inputs:
         tau=_representable(generator.uniform(0.0, 1.0, count)),
         observation=_representable(np.concatenate(fields, axis=1)),
     )
-
-
-def evaluate_torch(network: nn.Module, inputs: Inputs) -> Floats:
-    """Velocity and autograd derivatives (1 + d, B, d) of ``network(action, tau (B, 1), observation)``.
-
-    In double precision: the source's own rounding is not what the other forms are held to.
-    """
-    network = copy.deepcopy(network).double()
-    action, tau, observation = (
-        torch.tensor(array, dtype=torch.float64)
-        for array in (inputs.action, inputs.tau[:, None], inputs.observation)
-    )
-    action.requires_grad_()
-    velocity: Tensor = network(action, tau, observation)
-    rows = [
-        torch.autograd.grad(velocity[:, i].sum(), action, retain_graph=True)[0]
-        for i in range(velocity.shape[1])
-    ]
-    jacobian = torch.stack(rows, dim=-1).permute(1, 0, 2)
-    return torch.cat([velocity[None], jacobian]).detach().numpy()
 
 
 def require_parity(results: Mapping[str, npt.NDArray[np.floating]]) -> float:

@@ -1,7 +1,9 @@
 """Write a policy bundle: completely, checked by the robot's own loader, or not at all."""
 
+import contextlib
 import hashlib
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -19,32 +21,15 @@ from export.bundle.facts import Facts
 from export.bundle.parity import Inputs, require_parity
 
 
-def write_bundle(
-    target: Path,
-    facts: Facts,
-    graph: ModelProto,
-    weights: FlowWeights | None,
-    inputs: Inputs,
-    expected: Floats,
-    *,
-    force: bool = False,
-) -> float:
-    """Write a bundle whose forms agree.
+@contextlib.contextmanager
+def bundle_draft(target: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield an empty directory that becomes the bundle ``target`` at the end, unless an error ends it.
 
     Args:
-        target: the bundle's directory; its last part names the policy.
-        facts: what the manifest says of fields, dynamics and origin.
-        graph: velocity and Jacobian.
-        weights: the same field for the numpy runtime; None where only onnxruntime can compute it.
-        inputs: where the forms are compared.
-        expected: (1 + d, B, d) what the source of the policy computes there.
+        target: the bundle's directory.
         force: replace an existing bundle.
 
-    Returns:
-        The largest difference between source, graph and weights.
-
     Raises:
-        BundleError: if the forms differ, or the robot could not load the bundle.
         ConfigError: if ``target`` exists and is no bundle or ``force`` is not set, or cannot be written.
     """
     target = target.resolve()
@@ -52,26 +37,51 @@ def write_bundle(
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
-            draft = Path(scratch) / "bundle"
+            draft = Path(scratch) / target.name
             draft.mkdir()
-            _write_files(draft, target.name, facts, graph, weights)
-            difference = _checked(load_bundle(draft), inputs, expected)
-            _replace(target, draft, Path(scratch) / "replaced")
+            yield draft
+            _replace(target, draft, Path(scratch) / ".replaced")
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror})") from error
-    return difference
 
 
-def _write_files(
-    draft: Path, name: str, facts: Facts, graph: ModelProto, weights: FlowWeights | None
-) -> None:
+def write_bundle(
+    draft: Path,
+    facts: Facts,
+    graph: ModelProto,
+    weights: FlowWeights | None,
+    inputs: Inputs,
+    expected: Floats,
+) -> float:
+    """Write a bundle whose forms agree.
+
+    Args:
+        draft: an empty directory; its last part names the policy.
+        facts: what the manifest says of fields, dynamics and origin.
+        graph: velocity and Jacobian.
+        weights: the same field for the numpy runtime; None where only onnxruntime can compute it.
+        inputs: where the forms are compared.
+        expected: (1 + d, B, d) what the source of the policy computes there.
+
+    Returns:
+        The largest difference between source, graph and weights.
+
+    Raises:
+        BundleError: if the forms differ, or the robot could not load the bundle.
+        OSError: if a file cannot be written.
+    """
+    _write_files(draft, facts, graph, weights)
+    return _checked(load_bundle(draft), inputs, expected)
+
+
+def _write_files(draft: Path, facts: Facts, graph: ModelProto, weights: FlowWeights | None) -> None:
     contents = {GRAPH_FILE: graph.SerializeToString(deterministic=True)}
     network = None
     if weights is not None:
         contents[WEIGHTS_FILE] = pack_weights(weights)
         network = Network(weights.activation, weights.hidden, weights.prior_std)
     digests = {file: hashlib.sha256(content).hexdigest() for file, content in contents.items()}
-    manifest = msgspec.json.format(msgspec.json.encode(facts.manifest(name, network, digests))) + b"\n"
+    manifest = msgspec.json.format(msgspec.json.encode(facts.manifest(draft.name, network, digests))) + b"\n"
     contents[MANIFEST_FILE] = manifest
     contents[DIGEST_FILE] = digest_line(manifest)
     for file, content in contents.items():

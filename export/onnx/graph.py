@@ -3,12 +3,16 @@
 import numpy as np
 import onnx
 from onnx import ModelProto, TensorProto, helper
+from onnx.version_converter import convert_version
 
+from edge_runtime.errors import PolicyError
 from edge_runtime.policy.weights import FlowWeights
 from export.onnx.nodes import BATCH, NodeWriter
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for the oldest onnxruntime that pyproject.toml admits."""
+NEWEST_OPSET = 20
+"""The newest that it reads."""
 
 
 def velocity_graph(weights: FlowWeights) -> ModelProto:
@@ -27,6 +31,24 @@ def velocity_graph(weights: FlowWeights) -> ModelProto:
         prior = writer.op("Mul", _prior_gain(writer, weights.prior_std, tau), "action")
         writer.op("Add", flow, prior, output="velocity")
     return _model(writer, weights)
+
+
+def lowered(model: ModelProto) -> ModelProto:
+    """Return a graph in an opset that the oldest onnxruntime reads.
+
+    Raises:
+        PolicyError: if one of its operators is newer.
+    """
+    version = next(entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx"))
+    if version <= NEWEST_OPSET:
+        return model
+    try:
+        return convert_version(model, NEWEST_OPSET)
+    except RuntimeError as error:
+        raise PolicyError(
+            f"opset {version} cannot be written as {NEWEST_OPSET}, the newest that every robot's onnxruntime "
+            f"reads: export it with opset_version={NEWEST_OPSET}"
+        ) from error
 
 
 def _dense(writer: NodeWriter, x: str, matrix: np.ndarray, bias: np.ndarray) -> str:

@@ -9,9 +9,9 @@ import onnx
 from onnx import ModelProto, NodeProto, TensorProto, helper
 
 from edge_runtime.errors import PolicyError
-from export.onnx.nodes import BATCH, NodeWriter
+from export.onnx.nodes import BATCH, NodeWriter, reads
 from export.onnx.slopes import SLOPES, multiply_slope
-from export.onnx.tangents import FLAT, RULES
+from export.onnx.tangents import FLAT, OF_FIRST, RULES
 from export.onnx.trace import Trace
 
 MIN_OPSET = 13
@@ -36,7 +36,7 @@ def with_jacobian(model: ModelProto) -> ModelProto:
     trace = Trace(NodeWriter("jacobian", _names(inferred)), _types(inferred), action_dim)
     for node in model.graph.node:
         trace.writer.nodes.append(node)
-        if any(name in trace.tangents for name in node.input):
+        if not reads(node).isdisjoint(trace.tangents):
             _differentiate(trace, node)
     if "velocity" not in trace.tangents:
         raise PolicyError("velocity does not depend on action: this graph is no flow over actions")
@@ -59,6 +59,8 @@ def _differentiate(trace: Trace, node: NodeProto) -> None:
         name = f"{node.domain}::{node.op_type}" if node.domain else node.op_type
         known = ", ".join(supported_operators())
         raise PolicyError(f"operator {name} cannot be differentiated; supported are {known}")
+    if node.op_type in SLOPES | OF_FIRST and not trace.tangents.keys().isdisjoint(node.input[1:]):
+        raise PolicyError(f"operator {node.op_type} can be differentiated by its first input alone")
     if node.op_type in SLOPES:
         multiply_slope(trace, node)
     else:

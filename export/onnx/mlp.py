@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from onnx import ModelProto, NodeProto, helper, numpy_helper
+from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from edge_runtime.common.arrays import Floats
@@ -27,7 +27,7 @@ from export.onnx.affine import (
     to_flow_weights,
     total,
 )
-from export.onnx.nodes import attribute
+from export.onnx.nodes import attribute, reads
 
 MINUS: Final = np.array([-1.0])
 
@@ -71,7 +71,7 @@ class _Walk:
 
     def visit(self, node: NodeProto) -> None:
         """Compute the value of one node's output."""
-        if all(isinstance(self.values[name], np.ndarray) for name in node.input if name):
+        if all(isinstance(self.values[name], np.ndarray) for name in reads(node)):
             self._fold(node)
         elif node.domain in ("", "ai.onnx") and node.op_type in RULES:
             self.values[node.output[0]] = RULES[node.op_type](self, node)
@@ -98,15 +98,21 @@ class _Walk:
         return value.astype(np.float64)
 
     def _fold(self, node: NodeProto) -> None:
-        outputs = [helper.make_empty_tensor_value_info(name) for name in node.output]
-        inputs = [helper.make_empty_tensor_value_info(name) for name in node.input if name]
+        given = {name: self.values[name] for name in reads(node)}
+        names = [name for name in node.output if name]
+        inputs, outputs = (list(map(helper.make_empty_tensor_value_info, each)) for each in (given, names))
         graph = helper.make_graph([node], "constant", inputs, outputs)
         evaluator = ReferenceEvaluator(helper.make_model(graph, opset_imports=self._opsets))
-        results = evaluator.run(None, {name: self.values[name] for name in node.input if name})
-        self.values.update(zip(node.output, results, strict=True))
+        self.values.update(zip(names, evaluator.run(None, given), strict=True))
 
 
 def _identity(walk: _Walk, node: NodeProto) -> Value:
+    return walk.values[node.input[0]]
+
+
+def _cast(walk: _Walk, node: NodeProto) -> Value:
+    if attribute(node, "to") not in (TensorProto.FLOAT, TensorProto.DOUBLE):
+        raise NotAnMlpError("Cast rounds")
     return walk.values[node.input[0]]
 
 
@@ -145,7 +151,7 @@ def _matmul(walk: _Walk, node: NodeProto) -> Value:
 def _gemm(walk: _Walk, node: NodeProto) -> Value:
     if attribute(node, "transA", 0):
         raise NotAnMlpError("Gemm transposes the batch")
-    x, name, *bias = node.input
+    x, name, *bias = filter(None, node.input)
     matrix = _matrix(walk.constant(name)) * attribute(node, "alpha", 1.0)
     product = walk.affine(x).product(matrix.T if attribute(node, "transB", 0) else matrix)
     beta = np.array([attribute(node, "beta", 1.0)])
@@ -212,7 +218,7 @@ def _matrix(array: Floats) -> Floats:
 
 RULES: dict[str, Callable[[_Walk, NodeProto], Value]] = {
     "Add": _add,
-    "Cast": _identity,
+    "Cast": _cast,
     "Concat": _concat,
     "Cos": _cos,
     "Div": _divide,

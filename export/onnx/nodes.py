@@ -1,10 +1,10 @@
-"""Writing ONNX nodes one after the other, each under a fresh name."""
+"""Nodes of ONNX graphs: written one after the other, each under a fresh name, and what they read."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import numpy.typing as npt
-from onnx import AttributeProto, NodeProto, TensorProto, helper, numpy_helper
+from onnx import AttributeProto, GraphProto, NodeProto, TensorProto, helper, numpy_helper
 
 BATCH = "batch"
 """Name of the one dimension that stays free."""
@@ -51,3 +51,33 @@ def attribute(node: NodeProto, name: str, default: object = None) -> object:
     """The value of a node's attribute, or ``default`` where the node does not set it."""
     found: list[AttributeProto] = [entry for entry in node.attribute if entry.name == name]
     return helper.get_attribute_value(found[0]) if found else default
+
+
+def subgraphs(node: NodeProto) -> Iterator[GraphProto]:
+    """The branches or the body of a node of control flow; of other nodes nothing."""
+    for entry in node.attribute:
+        if entry.HasField("g"):
+            yield entry.g
+        yield from entry.graphs
+
+
+def reads(node: NodeProto) -> set[str]:
+    """Names of the tensors that a node depends on, with those that only its branches or its body read."""
+    names = {name for name in node.input if name}
+    for graph in subgraphs(node):
+        within = {value.name for value in (*graph.input, *graph.initializer)}
+        for inner in graph.node:
+            names |= reads(inner) - within
+            within |= set(inner.output)
+        names |= {value.name for value in graph.output} - within
+    return names
+
+
+def needed(nodes: Iterable[NodeProto], outputs: Iterable[str]) -> list[NodeProto]:
+    """Those of the nodes, in their order, that lead to the outputs."""
+    names, kept = set(outputs), []
+    for node in reversed(list(nodes)):
+        if not names.isdisjoint(node.output):
+            names |= reads(node)
+            kept.append(node)
+    return kept[::-1]

@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
-from onnx import ModelProto, TensorProto, numpy_helper
+from onnx import ModelProto
 from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import PolicyError
 from export.bundle.parity import Inputs
+from export.onnx.elements import TO_DOUBLE, retyped
 
 STEP = 3e-4
 """h of the differences: so wide that no kink of a float32 form lies beyond the stencil that sees it."""
@@ -41,7 +42,7 @@ class GraphReference:
     """
 
     def __init__(self, model: ModelProto) -> None:
-        self._evaluator = ReferenceEvaluator(_doubled(model), new_ops=[Erf, Gelu])
+        self._evaluator = ReferenceEvaluator(retyped(model, TO_DOUBLE), new_ops=[Erf, Gelu])
 
     def evaluate(self, inputs: Inputs) -> Floats:
         """Velocity and derivatives (1 + d, B, d), laid out as `FlowPolicy.evaluate` does."""
@@ -76,6 +77,8 @@ class GraphReference:
         feed = {"action": action, "tau": inputs.tau[:, None], "observation": inputs.observation}
         try:
             return self._evaluator.run(["velocity"], feed)[0]
+        except MemoryError:
+            raise
         except Exception as error:  # each operator's numpy code fails in its own way
             raise PolicyError(
                 f"the graph cannot be computed for a batch of {len(action)} ({error}): "
@@ -83,25 +86,4 @@ class GraphReference:
             ) from error
 
 
-def _doubled(model: ModelProto) -> ModelProto:
-    """Replace every float32 constant and cast by one in double precision."""
-    double = ModelProto()
-    double.CopyFrom(model)
-    for tensor in double.graph.initializer:
-        _double(tensor)
-    for node in double.graph.node:
-        for entry in node.attribute:
-            if entry.HasField("t"):
-                _double(entry.t)
-            if node.op_type == "Cast" and entry.name == "to" and entry.i == TensorProto.FLOAT:
-                entry.i = TensorProto.DOUBLE
-    return double
-
-
 _erf = np.vectorize(math.erf, otypes=[np.float64])
-
-
-def _double(tensor: TensorProto) -> None:
-    if tensor.data_type == TensorProto.FLOAT:
-        array = numpy_helper.to_array(tensor).astype(np.float64)
-        tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))

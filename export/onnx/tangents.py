@@ -21,7 +21,8 @@ def _linear(trace: Trace, node: NodeProto) -> None:
     """Operators linear in their first input act on tangents as on values."""
     copies = [trace.writer.repeat(node, [t, *node.input[1:]]) for t in trace.tangents[node.input[0]]]
     for output, tangents in zip(node.output, zip(*copies, strict=True), strict=True):
-        trace.tangents[output] = list(tangents)
+        if output:
+            trace.tangents[output] = list(tangents)
 
 
 def _add(trace: Trace, node: NodeProto) -> None:
@@ -171,34 +172,36 @@ def _layer_normalization(trace: Trace, node: NodeProto) -> None:
 
 
 FLAT = frozenset({"Ceil", "Floor", "Round", "Sign"})
-RULES: dict[str, Rule] = {
-    **dict.fromkeys(
-        (
-            "Cast",
-            "Expand",
-            "Flatten",
-            "Gather",
-            "Identity",
-            "Neg",
-            "ReduceMean",
-            "ReduceSum",
-            "Reshape",
-            "Slice",
-            "Split",
-            "Squeeze",
-            "Tile",
-            "Transpose",
-            "Unsqueeze",
-        ),
-        _linear,
+_LINEAR: dict[str, Rule] = dict.fromkeys(
+    (
+        "Cast",
+        "Expand",
+        "Flatten",
+        "Gather",
+        "Identity",
+        "Neg",
+        "ReduceMean",
+        "ReduceSum",
+        "Reshape",
+        "Slice",
+        "Split",
+        "Squeeze",
+        "Tile",
+        "Transpose",
+        "Unsqueeze",
     ),
+    _linear,
+)
+OF_FIRST: dict[str, Rule] = {**_LINEAR, "LayerNormalization": _layer_normalization}
+"""Those whose rules take every input but the first for one that does not depend on the action."""
+RULES: dict[str, Rule] = {
+    **OF_FIRST,
     **dict.fromkeys(("Add", "Sum"), _add),
     **dict.fromkeys(("Mul", "MatMul"), _bilinear),
     **dict.fromkeys(("Max", "Min"), _extremum),
     "Concat": _concat,
     "Div": _divide,
     "Gemm": _gemm,
-    "LayerNormalization": _layer_normalization,
     "Pow": _power,
     "Softmax": _softmax,
     "Sub": _subtract,

@@ -5,13 +5,22 @@ import sys
 import numpy as np
 import onnx
 import pytest
+from bundle_files import MANIFEST, write_bundle
+from msgspec.structs import replace
 from networks import random_weights
+from onnx import TensorProto, helper
+from velocity_nets import graph_of
 
+from edge_runtime.common.bounded_child import Bounds
 from edge_runtime.errors import PolicyError
+from edge_runtime.policy.bundle import load_bundle
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.onnx_policy import OnnxPolicy
+from edge_runtime.policy.onnx_trial import try_graph
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
+
+ONNX_MANIFEST = replace(MANIFEST, runtime="onnxruntime", network=None, observation=MANIFEST.observation[:1])
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +99,46 @@ def test_a_graph_that_fails_on_the_way_is_one_line(graph, monkeypatch):
     monkeypatch.setattr(policy, "_session", Failing())
     with pytest.raises(PolicyError, match=r"policy\.onnx: cannot be computed .*\(Non-zero status code\)$"):
         policy.step(3, np.zeros((1, 2)))
+
+
+def test_a_hostile_graph_of_a_bundle_takes_neither_the_robots_time_nor_its_memory(tmp_path):
+    nodes = [
+        helper.make_node("Shape", ["action"], ["s"]),
+        helper.make_node("Mul", ["s", "n"], ["m"]),
+        helper.make_node("ConstantOfShape", ["m"], ["l"]),
+        helper.make_node("ReduceSum", ["l"], ["z"], keepdims=0),
+        helper.make_node("Tanh", ["action"], ["t"]),
+        helper.make_node("Add", ["t", "z"], ["velocity"]),
+    ]
+    model = with_jacobian(graph_of(*nodes, constants={"n": np.array([10**5, 10**5])}))
+    directory = write_bundle(tmp_path / "mine", graph=model.SerializeToString(), manifest=ONNX_MANIFEST)
+    with pytest.raises(PolicyError, match=r"policy\.onnx: cannot be computed for a batch of 1 \("):
+        load_bundle(directory).field()
+    with pytest.raises(PolicyError, match=r"slow\.onnx: takes (more|longer) than \d s"):
+        try_graph(write_slow(tmp_path / "slow.onnx"), 2, 2, Bounds(seconds=1, memory_mib=512))
+
+
+def write_slow(path):
+    """A loop of a thousand million within a graph that fits."""
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Tanh", ["a"], ["b"])],
+        "body",
+        [
+            helper.make_tensor_value_info("i", TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("a", TensorProto.FLOAT, ["batch", 2]),
+        ],
+        [
+            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("b", TensorProto.FLOAT, ["batch", 2]),
+        ],
+    )
+    model = with_jacobian(
+        graph_of(
+            helper.make_node("Loop", ["n", "yes", "observation"], ["l"], body=body),
+            helper.make_node("Add", ["action", "l"], ["velocity"]),
+            constants={"n": np.int64(10**9), "yes": np.bool_(True)},
+        )
+    )
+    onnx.save(model, path)
+    return path

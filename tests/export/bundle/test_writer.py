@@ -14,7 +14,7 @@ from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.bundle import writer as bundle_writer
 from export.bundle.facts import Facts
 from export.bundle.parity import random_inputs, require_parity
-from export.bundle.writer import write_bundle
+from export.bundle.writer import bundle_draft, write_bundle
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
 
@@ -26,7 +26,8 @@ EXPECTED = FlowPolicy(WEIGHTS, 10, 1000).evaluate(*INPUTS.arrays())
 
 
 def write(target, graph=GRAPH, weights=WEIGHTS, expected=EXPECTED, facts=FACTS, **options):
-    return write_bundle(target, facts, graph, weights, INPUTS, expected, **options)
+    with bundle_draft(target, **options) as draft:
+        return write_bundle(draft, facts, graph, weights, INPUTS, expected)
 
 
 def contents(directory):

@@ -75,6 +75,7 @@ OPERATORS = {
     "Erf": [op("Erf", ["action"], ["velocity"])],
     "Gather": [op("Gather", ["action", "swap"], ["velocity"], axis=1)],
     "Gemm": [op("Gemm", ["action", "m", "action"], ["velocity"], alpha=2.0, beta=0.5, transB=1)],
+    "Gemm without C": [op("Gemm", ["action", "m", ""], ["velocity"], alpha=2.0, transB=1)],
     "Log": [op("Exp", ["action"], ["e"]), op("Add", ["e", "one"], ["f"]), op("Log", ["f"], ["velocity"])],
     "Max": [op("Max", ["action", "observation"], ["velocity"])],
     "Min": [op("Min", ["observation", "action"], ["velocity"])],
@@ -158,6 +159,26 @@ def test_unsupported_operator_beside_the_action_is_fine():
 def test_exponent_that_varies_is_refused():
     with pytest.raises(PolicyError, match="Pow cannot be differentiated by an exponent that depends"):
         with_jacobian(graph_of(op("Pow", ["observation", "action"], ["velocity"])))
+
+
+@pytest.mark.parametrize("node", [
+    op("Clip", ["observation", "s"], ["velocity"]),
+    op("LayerNormalization", ["observation", "action"], ["velocity"]),
+])  # fmt: skip
+def test_inputs_whose_derivative_no_rule_knows_are_refused(node):
+    with pytest.raises(
+        PolicyError, match=f"operator {node.op_type} can be differentiated by its first input alone"
+    ):
+        with_jacobian(graph_of(op("ReduceSum", ["action"], ["s"], keepdims=0), node))
+
+
+def test_an_output_that_is_not_wanted():
+    """Its empty name is not one that depends on the action."""
+    nodes = [
+        op("Split", ["action", "halves"], ["", "half"], axis=1), op("Clip", ["half", "", "three"], ["x"]),
+        op("Concat", ["x", "x"], ["velocity"], axis=1),
+    ]  # fmt: skip
+    with_jacobian(graph_of(*nodes, constants={**CONSTANTS, "halves": [1, 1]}))
 
 
 def test_velocity_without_action_is_refused():

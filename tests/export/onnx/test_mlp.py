@@ -72,6 +72,19 @@ def test_swish_operator():
         )
 
 
+def test_a_product_whose_bias_is_left_out_by_an_empty_name():
+    constants = {"w": np.ones((5, 3), np.float32), "u": np.ones((3, 2), np.float32)}
+    x = op("Concat", ["tau", "action", "observation"], ["x"], axis=1)
+    layers = [
+        op("Gemm", ["x", "w", ""], ["y"]),
+        op("Tanh", ["y"], ["z"]),
+        op("Gemm", ["z", "u", ""], ["velocity"]),
+    ]
+    weights = read_flow_weights(graph_of(x, *layers, constants=constants))
+    np.testing.assert_array_equal(weights.matrices[0], constants["u"])
+    assert not any(bias.any() for bias in weights.biases)
+
+
 @pytest.mark.parametrize(
     ("net", "reason"),
     [
@@ -93,6 +106,7 @@ def test_other_networks_are_not(tmp_path, net, reason):
     [
         ([op("Add", ["action", "observation"], ["velocity"])], "no activation, not one activation"),
         ([op("Mul", ["action", "tau"], ["velocity"])], "action and tau are multiplied"),
+        ([op("Cast", ["action"], ["i"], to=7), op("Cast", ["i"], ["velocity"], to=1)], "Cast rounds"),
         ([op("Sin", ["action"], ["velocity"])], "a sine of more than flow time"),
         ([op("Div", ["action", "observation"], ["velocity"])], "observation is a factor or divisor"),
         ([op("Tanh", ["action"], ["velocity"])], "its first layer takes only action"),
