@@ -23,7 +23,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.result_page import add_html_flag, check_writable, table, write_html
+from benchmarks.result_file import write_result
+from benchmarks.result_page import add_html_flag, check_writable, page, table, write_html
 from edge_runtime.common.child import python_command
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.controller import Controller
@@ -45,7 +46,7 @@ LONGEST_START_S = 300.0
 """A machine that is too busy for this is too busy for the measurement."""
 
 
-class Row(msgspec.Struct, frozen=True):
+class OverheadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One quantity, medians over the rounds; ratios are of the same round."""
 
     quantity: str
@@ -62,13 +63,20 @@ class Row(msgspec.Struct, frozen=True):
     """Ticks that were not recorded."""
 
 
-class HandOver(msgspec.Struct, frozen=True):
+class HandOver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the loop spends on handing one tick to its logger, in microseconds."""
 
     rate_hz: float
     p50_us: float
     p99_us: float
     max_us: float
+
+
+class Overhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything that was measured."""
+
+    rows: list[OverheadRow]
+    hand_over: HandOver
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -88,8 +96,7 @@ def main(arguments: Sequence[str]) -> int:
     rows = [_row(quantity, flags.rate, rounds, realtime=realtime) for quantity in QUANTITIES]
     print("\n".join(_lines(rows, hand_over)))
     if flags.json:
-        content = msgspec.json.encode({"rows": rows, "hand_over": hand_over})
-        flags.json.write_bytes(msgspec.json.format(content) + b"\n")
+        write_result(flags.json, Overhead(rows, hand_over))
     if flags.html:
         drawings = {"ticks.svg": draw(rows)}
         write_html(
@@ -98,7 +105,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def render(rows: Sequence[Row], hand_over: HandOver) -> str:
+def render(rows: Sequence[OverheadRow], hand_over: HandOver) -> str:
     """The results as Markdown; ``ticks.svg`` is what `draw` returns."""
     head = ["quantity", "off us", "on us", "on / off", "lowest", "highest"]
     cells = [
@@ -108,27 +115,25 @@ def render(rows: Sequence[Row], hand_over: HandOver) -> str:
     ]  # fmt: skip
     row, handed = rows[0], hand_over
     spent = [f"{value:.1f}" for value in (handed.rate_hz, handed.p50_us, handed.p99_us, handed.max_us)]
-    return "\n\n".join(
-        [
-            "# What recording and watching cost the loop",
-            f"Written by `python -m benchmarks recording`: four robots at {row.rate_hz:g} Hz, {row.rounds} "
-            f"rounds, {_scheduling(row)} scheduling.",
-            "## A tick without (off) and with (on) its log and its watcher",
-            "Medians over the rounds; a ratio is of one round, whose runs follow each other.",
-            table(head, cells),
-            "![The same medians in microseconds](ticks.svg)",
-            "## Handing a tick over to the logger, after the command is out",
-            table(["rate Hz", "p50 us", "p99 us", "max us"], [spent]),
-        ]
+    return page(
+        "What recording and watching cost the loop",
+        "recording",
+        f"Four robots at {row.rate_hz:g} Hz, {row.rounds} rounds, {_scheduling(row)} scheduling.",
+        "## A tick without (off) and with (on) its log and its watcher",
+        "Medians over the rounds; a ratio is of one round, whose runs follow each other.",
+        table(head, cells),
+        "![The same medians in microseconds](ticks.svg)",
+        "## Handing a tick over to the logger, after the command is out",
+        table(["rate Hz", "p50 us", "p99 us", "max us"], [spent]),
     )
 
 
-def draw(rows: Sequence[Row]) -> str:
+def draw(rows: Sequence[OverheadRow]) -> str:
     """Off beside on, as SVG."""
     return chart.bars({row.quantity: {"off": row.off_us, "on": row.on_us} for row in rows}, "us")
 
 
-def _verdicts(rows: Sequence[Row], hand_over: HandOver) -> list[Verdict]:
+def _verdicts(rows: Sequence[OverheadRow], hand_over: HandOver) -> list[Verdict]:
     (p99,) = (row for row in rows if row.quantity == "tick p99")
     return [
         Verdict("Tick p99, on / off", f"{p99.ratio:.3f}", f"at most {ALLOWED:g} asked", p99.ratio <= ALLOWED),
@@ -137,11 +142,11 @@ def _verdicts(rows: Sequence[Row], hand_over: HandOver) -> list[Verdict]:
     ]
 
 
-def _scheduling(row: Row) -> str:
+def _scheduling(row: OverheadRow) -> str:
     return "real-time" if row.realtime else "ordinary, as real-time was refused,"
 
 
-def _lines(rows: Sequence[Row], hand_over: HandOver) -> Iterator[str]:
+def _lines(rows: Sequence[OverheadRow], hand_over: HandOver) -> Iterator[str]:
     for row in rows:
         yield (
             f"{row.quantity:<10}off {row.off_us:8.1f} us   on {row.on_us:8.1f} us   on / off {row.ratio:.3f} "
@@ -226,11 +231,11 @@ def _start(module: str, *flags: str) -> subprocess.Popen:
     return subprocess.Popen(python_command(module, *flags), stdout=subprocess.DEVNULL)  # noqa: S603
 
 
-def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -> Row:
+def _row(quantity: str, rate: float, rounds: list[Reports], *, realtime: bool) -> OverheadRow:
     read = QUANTITIES[quantity]
     off, on = (np.array([read(reports[way]) for reports in rounds]) for way in (False, True))
     ratios = on / off
-    return Row(
+    return OverheadRow(
         quantity,
         rate,
         realtime,

@@ -110,8 +110,17 @@ def page(title: str, command: str, *parts: str) -> str:
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown; all columns but the first hold numbers."""
-    rule = ["---", *["--:"] * (len(header) - 1)]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *rows])
+    return "\n".join([table_head(header), *map(table_line, rows)])
+
+
+def table_head(header: Sequence[str]) -> str:
+    """Return the first two lines of a table."""
+    return "\n".join([table_line(header), table_line(["---", *["--:"] * (len(header) - 1)])])
+
+
+def table_line(cells: Sequence[str]) -> str:
+    """Return one line of a table."""
+    return "| " + " | ".join(cells) + " |"
 
 
 def main(arguments: Sequence[str]) -> int:

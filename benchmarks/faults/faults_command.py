@@ -13,16 +13,15 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-import msgspec
 from rich.progress import Progress
 
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import CanRobot, MavlinkRobot
-from benchmarks.faults.rows import FaultRow, draw, measured, read_rows, render, table, timed
+from benchmarks.faults.rows import FaultRow, draw, faults_table, measured, render, timed
 from benchmarks.faults.trials import FAULTS, Fault, Stop, run_trial, undisturbed
-from benchmarks.result_file import replaced
+from benchmarks.result_file import read_result, replaced, write_result
 from benchmarks.result_page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
@@ -50,11 +49,10 @@ def main(arguments: Sequence[str]) -> int:
         check_writable(options.html)
     with Progress(disable=not sys.stderr.isatty()) as progress:
         rows = list(_measure(options, progress))
-    print(table(rows))
+    print(faults_table(rows))
     print(f"{sum(row.repeated for row in rows)} trials were run again: a busy machine ended them too early")
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    rows = replaced(read_rows(options.json), rows, measured)
-    options.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n")
+    rows = replaced(read_result(options.json, list[FaultRow], default=[]), rows, measured)
+    write_result(options.json, rows)
     if options.html:
         write_html(options.html, render(rows), drawings={"stops.svg": draw(rows)})
     return 0

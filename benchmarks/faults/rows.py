@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from benchmarks.result_page import page, table
 from edge_runtime.tools.report.page import chart
 
 DRAWN_MS = 100.0
 """The firmware's own timeout would hide what the guard takes."""
 
 
-class FaultRow(msgspec.Struct, frozen=True):
+class FaultRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One line of the table; what was only counted has no times, what was timed has no count."""
 
     fault: str
@@ -39,44 +39,31 @@ def timed(
     return FaultRow(fault, bridge, len(seconds), p50, p95, max(seconds) * 1e3, p95_m=p95_m, repeated=repeated)
 
 
-def read_rows(file: Path) -> list[FaultRow]:
-    """Return what an earlier run wrote; nothing if there was none."""
-    return msgspec.json.decode(file.read_bytes(), type=list[FaultRow]) if file.exists() else []
-
-
 def measured(row: FaultRow) -> tuple[str, str]:
     """What a row says something about: a newer one takes its place."""
     return row.fault, row.bridge
 
 
-def table(rows: Sequence[FaultRow]) -> str:
+def faults_table(rows: Sequence[FaultRow]) -> str:
     """Format rows as a Markdown table."""
-    lines = ["| fault | bridge | trials | p50 ms | p95 ms | max ms | p95 m | passed |", "|---" * 8 + "|"]
+    lines = []
     for row in rows:
-        times = (_cell(row.p50_ms), _cell(row.p95_ms), _cell(row.max_ms))
-        cells = (
-            row.fault,
-            row.bridge,
-            f"{row.trials:,}",
-            *times,
-            "" if row.p95_m is None else f"{row.p95_m:.3f}",
-            "" if row.passed is None else f"{row.passed}",
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        times = [_cell(value) for value in (row.p50_ms, row.p95_ms, row.max_ms)]
+        metres = "" if row.p95_m is None else f"{row.p95_m:.3f}"
+        passed = "" if row.passed is None else str(row.passed)
+        lines.append([row.fault, row.bridge, f"{row.trials:,}", *times, metres, passed])
+    return table(["fault", "bridge", "trials", "p50 ms", "p95 ms", "max ms", "p95 m", "passed"], lines)
 
 
 def render(rows: Sequence[FaultRow]) -> str:
     """The rows as Markdown; ``stops.svg`` is what `draw` returns."""
-    return "\n\n".join(
-        [
-            "# How fast the robot is stopped",
-            "Written by `python -m benchmarks faults`: milliseconds until the stop command stands on the "
-            "wire, measured at the firmware's end.",
-            "## Faults",
-            table(rows),
-            f"![95th percentiles in milliseconds, of those up to {DRAWN_MS:g}](stops.svg)",
-        ]
+    return page(
+        "How fast the robot is stopped",
+        "faults",
+        "Milliseconds until the stop command stands on the wire, measured at the firmware's end.",
+        "## Faults",
+        faults_table(rows),
+        f"![95th percentiles in milliseconds, of those up to {DRAWN_MS:g}](stops.svg)",
     )
 
 

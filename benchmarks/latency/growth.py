@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.latency.cases import DEFAULT, Case
 from benchmarks.latency.limit import operations, weight_bytes
-from benchmarks.latency.rows import Row
+from benchmarks.latency.rows import LatencyRow
 from benchmarks.latency.sweeps import Sweep
 
 ORIN_NANO_FLOPS = 1.5e9 * 2 * 4 * 2
@@ -43,7 +43,7 @@ def paper_terms(case: Case) -> int:
     return case.euler_steps * case.objectives * (case.neighbours + case.objectives)
 
 
-def grow(sweep: Sweep, rows: Sequence[Row], backends: Sequence[str]) -> list[Growth]:
+def grow(sweep: Sweep, rows: Sequence[LatencyRow], backends: Sequence[str]) -> list[Growth]:
     """Pick a sweep's rows; they hold every value of it."""
     found = {(row.backend, row.layers, row.T, row.M, row.K, row.batch): row.best_us for row in rows}
 
@@ -65,7 +65,7 @@ class Estimate(msgspec.Struct, frozen=True):
     eager_us: float
 
 
-def estimate_orin_nano(rows: Sequence[Row]) -> Estimate:
+def estimate_orin_nano(rows: Sequence[LatencyRow]) -> Estimate:
     """Scale the default case's rows by the assumptions above."""
     best = {row.backend: row.best_us for row in rows}
     compute = 1e6 * operations(DEFAULT) / ORIN_NANO_FLOPS

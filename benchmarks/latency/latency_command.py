@@ -11,9 +11,10 @@ from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
 from benchmarks.latency.growth import estimate_orin_nano, grow
 from benchmarks.latency.measure import Timing, interleave
-from benchmarks.latency.rows import Row, compare, make_rows, read_rows, write_rows
+from benchmarks.latency.rows import LatencyRow, compare, make_rows
 from benchmarks.latency.sweeps import CONTENDERS as SWEPT
 from benchmarks.latency.sweeps import SWEEPS
+from benchmarks.result_file import read_result, write_result
 from benchmarks.result_page import add_html_flag, check_writable, write_html
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.compiled_policy import load_kernel
@@ -28,13 +29,13 @@ def main(arguments: Sequence[str]) -> int:
     flags = _parse(arguments)
     if flags.html:
         check_writable(flags.html)
-    old = read_rows(flags.compare) if flags.compare else []
+    old = read_result(flags.compare, list[LatencyRow]) if flags.compare else []
     if flags.short:
         rows, code = run_short(load_budgets(), html=flags.html)
     else:
         rows, code = _run_full(flags.out, flags.html)
     if flags.json:
-        write_rows(flags.json, rows)
+        write_result(flags.json, rows)
     for line in compare(old, rows):
         print(line)
     return code
@@ -62,7 +63,7 @@ def run_short(
     rounds: int = 15,
     slot_s: float = 0.12,
     html: Path | None = None,
-) -> tuple[list[Row], int]:
+) -> tuple[list[LatencyRow], int]:
     """Time what the budgets name, and judge them; returns the exit code beside the rows."""
     named = {name for budget in budgets for name in (budget.backend, budget.against)}
     names = [name for name in CONTENDERS if name in named]
@@ -74,7 +75,7 @@ def run_short(
     return rows, _exit_code(verdicts, noise)
 
 
-def _run_full(out: Path, html: Path | None) -> tuple[list[Row], int]:
+def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     from benchmarks.latency import pictures  # noqa: PLC0415
 
     out.mkdir(parents=True, exist_ok=True)
@@ -94,7 +95,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[Row], int]:
         verdicts=verdicts,
         small=small,
         growths=growths,
-        paced=[row for row in outcomes if isinstance(row, Row)],
+        paced=[row for row in outcomes if isinstance(row, LatencyRow)],
         refusals=sorted({text for text in outcomes if isinstance(text, str)}),
         footprints=[footprint.measure(backend) for backend in ("numpy", "compiled")],
         estimate=estimate_orin_nano(default),
@@ -122,7 +123,7 @@ def _cases() -> list[Case]:
 
 def _quiet_case(
     case: Case, names: Sequence[str], rounds: int, slot_s: float
-) -> tuple[dict[str, Timing], list[Row], list[str]]:
+) -> tuple[dict[str, Timing], list[LatencyRow], list[str]]:
     """Timings and rows of a case, and why they must not be believed: measured again while disturbed."""
     for _ in range(ATTEMPTS):
         timings = measure_case(case, names, rounds, slot_s)
@@ -134,12 +135,12 @@ def _quiet_case(
     return timings, rows, [f"{case}: {reason}" for reason in noise]
 
 
-def _contender_rows(case: Case, timings: dict[str, Timing]) -> list[Row]:
+def _contender_rows(case: Case, timings: dict[str, Timing]) -> list[LatencyRow]:
     """Rows of everything but the probes behind the limit."""
     return make_rows(case, {name: timing for name, timing in timings.items() if name not in limit.PROBES})
 
 
-def _print_rows(case: Case, rows: Sequence[Row]) -> None:
+def _print_rows(case: Case, rows: Sequence[LatencyRow]) -> None:
     print(case)
     for row in rows:
         ratio = "" if row.ratio_to_eager is None else f"{row.ratio_to_eager:8.1f} x eager"

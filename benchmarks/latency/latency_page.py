@@ -1,6 +1,6 @@
 """The page that a full run writes: results beside the machine that they were measured on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import msgspec
 
@@ -9,8 +9,8 @@ from benchmarks.latency.cases import Case
 from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
 from benchmarks.latency.machine import Machine
-from benchmarks.latency.rows import Row
-from benchmarks.result_page import table
+from benchmarks.latency.rows import LatencyRow
+from benchmarks.result_page import page, table
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
@@ -19,13 +19,13 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     machine: Machine
     noise: list[str]
     """Empty if the machine was quiet."""
-    default: list[Row]
+    default: list[LatencyRow]
     verdicts: list[Verdict]
-    small: list[Row]
+    small: list[LatencyRow]
     """The 2x128 network."""
     growths: list[list[Growth]]
     """Of each sweep, every backend."""
-    paced: list[Row]
+    paced: list[LatencyRow]
     refusals: list[str]
     """Paced variants that the system did not permit."""
     footprints: list[Footprint]
@@ -34,41 +34,45 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 
 def render(result: Result) -> str:
     """The page in Markdown; its pictures lie beside it as ``sweep_<i>.png`` and ``paced.png``."""
-    sections = [
-        "# Latency of one tick",
-        "Written by `python -m benchmarks latency`.",
+    return page(
+        "Latency of one tick",
+        "latency",
         _verdict(result.noise),
         _machine(result.machine),
         "## 3x256 SiLU, observation 32, d = 2, T = 10, M = 2, K = 3, one thread, interleaved",
         _rows(result.default),
-        "\n".join(f"- {verdict}" for verdict in result.verdicts),
+        _bullets(result.verdicts),
         "## 2x128 SiLU",
         _rows(result.small),
         "## Start of the process to the first action",
         _footprints(result.footprints),
         "## In a loop that sleeps between deadlines",
         _paced(result.paced),
-        "\n".join(f"- not permitted here: {refusal}" for refusal in result.refusals),
+        _bullets(f"not permitted here: {refusal}" for refusal in result.refusals),
         "![paced](paced.png)",
         "## Growth, beside the paper's O(T (M K + M²))",
-        "\n\n".join(_growth(index, growths) for index, growths in enumerate(result.growths)),
+        *(_growth(index, growths) for index, growths in enumerate(result.growths)),
         "## Estimate for one core of a Jetson Orin Nano",
         _estimate(result.estimate),
-    ]
-    return "\n\n".join(section for section in sections if section) + "\n"
+    )
 
 
-def render_short(case: Case, rows: Sequence[Row], verdicts: Sequence[Verdict], noise: Sequence[str]) -> str:
+def render_short(
+    case: Case, rows: Sequence[LatencyRow], verdicts: Sequence[Verdict], noise: Sequence[str]
+) -> str:
     """The page of a short run."""
-    sections = [
-        "# Latency of one tick, short run",
-        "Written by `python -m benchmarks latency --short`.",
+    return page(
+        "Latency of one tick, short run",
+        "latency --short",
         _verdict(noise),
         f"## {case}",
         _rows(rows),
-        "\n".join(f"- {verdict}" for verdict in verdicts),
-    ]
-    return "\n\n".join(sections) + "\n"
+        _bullets(verdicts),
+    )
+
+
+def _bullets(items: Iterable[object]) -> str:
+    return "\n".join(f"- {item}" for item in items)
 
 
 def _verdict(noise: Sequence[str]) -> str:
@@ -79,26 +83,26 @@ def _verdict(noise: Sequence[str]) -> str:
 
 def _machine(machine: Machine) -> str:
     p50, p99, p99_9 = machine.wake_us
-    return "\n".join(
+    return _bullets(
         [
-            f"- processor: {machine.processor}, {machine.cores} cores, governor {machine.governor}",
-            f"- kernel {machine.kernel}, Python {machine.python}, numpy {machine.numpy}",
-            f"- compiled kernel's instruction set: {machine.engine or 'not built'}",
-            f"- wake-up latency (5 ms sleeps): p50 {p50:.0f}, p99 {p99:.0f}, p99.9 {p99_9:.0f} µs",
+            f"processor: {machine.processor}, {machine.cores} cores, governor {machine.governor}",
+            f"kernel {machine.kernel}, Python {machine.python}, numpy {machine.numpy}",
+            f"compiled kernel's instruction set: {machine.engine or 'not built'}",
+            f"wake-up latency (5 ms sleeps): p50 {p50:.0f}, p99 {p99:.0f}, p99.9 {p99_9:.0f} µs",
         ]
     )
 
 
-def _rows(rows: Sequence[Row]) -> str:
+def _rows(rows: Sequence[LatencyRow]) -> str:
     header = ["backend", "median µs", "best round", "p99", "p99.9", "times eager"]
     return table(header, [[row.backend, *_durations(row), _ratio(row)] for row in rows])
 
 
-def _durations(row: Row) -> list[str]:
+def _durations(row: LatencyRow) -> list[str]:
     return [f"{value:.1f}" for value in (row.median_us, row.best_us, row.p99_us, row.p99_9_us)]
 
 
-def _ratio(row: Row) -> str:
+def _ratio(row: LatencyRow) -> str:
     return "" if row.ratio_to_eager is None else f"{row.ratio_to_eager:.1f}"
 
 
@@ -109,7 +113,7 @@ def _footprints(footprints: Sequence[Footprint]) -> str:
     )
 
 
-def _paced(rows: Sequence[Row]) -> str:
+def _paced(rows: Sequence[LatencyRow]) -> str:
     header = ["loop", "median µs", "best part", "p99", "p99.9"]
     return table(header, [[row.loop, *_durations(row)] for row in rows])
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.latency.cases import Case, workload
 from benchmarks.latency.contenders import CONTENDERS
 from benchmarks.latency.measure import Slot, Timing
-from benchmarks.latency.rows import Row, make_row
+from benchmarks.latency.rows import LatencyRow, make_row
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
 from edge_runtime.control.rate import DeadlineGrid
 
@@ -44,7 +44,7 @@ def variants(backends: list[str], duration_s: float) -> Iterator[Variant]:
         yield Variant(Case(), backend, rate, realtime, early, duration_s)
 
 
-def measure(variant: Variant) -> Row | str:
+def measure(variant: Variant) -> LatencyRow | str:
     """Run one variant in a process of its own; returns why where the system refuses it."""
     command = [sys.executable, "-m", "benchmarks.latency.paced", msgspec.json.encode(variant).decode()]
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603

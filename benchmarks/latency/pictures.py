@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 from benchmarks.latency.growth import Growth
-from benchmarks.latency.rows import Row
+from benchmarks.latency.rows import LatencyRow
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -27,7 +27,7 @@ def draw_sweep(growths: Sequence[Growth], path: Path) -> None:
     plt.close(figure)
 
 
-def draw_paced(rows: Sequence[Row], path: Path) -> None:
+def draw_paced(rows: Sequence[LatencyRow], path: Path) -> None:
     """Median and 99.9th percentile of the paced loops."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     places = range(len(rows))

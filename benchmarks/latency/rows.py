@@ -1,16 +1,14 @@
 """The result of a run: one row for each contender and case, as written to and compared from JSON."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import msgspec
 
 from benchmarks.latency.cases import Case
 from benchmarks.latency.measure import Timing
-from edge_runtime.errors import ConfigError
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class LatencyRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One contender on one case; durations are wall time."""
 
     backend: str
@@ -48,9 +46,11 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.backend}, {self.paced_hz:g} Hz{ways}"
 
 
-def make_row(backend: str, case: Case, timing: Timing, eager: Timing | None = None, **paced: object) -> Row:
+def make_row(
+    backend: str, case: Case, timing: Timing, eager: Timing | None = None, **paced: object
+) -> LatencyRow:
     """Summarize one contender's ticks."""
-    return Row(
+    return LatencyRow(
         backend=backend,
         layers=case.layers,
         observation_dim=case.observation_dim,
@@ -68,29 +68,12 @@ def make_row(backend: str, case: Case, timing: Timing, eager: Timing | None = No
     )
 
 
-def make_rows(case: Case, timings: Mapping[str, Timing]) -> list[Row]:
+def make_rows(case: Case, timings: Mapping[str, Timing]) -> list[LatencyRow]:
     """Rows of one interleaved run."""
     return [make_row(name, case, timing, timings.get("eager")) for name, timing in timings.items()]
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as a JSON list."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(rows)) + b"\n")
-
-
-def read_rows(path: Path) -> list[Row]:
-    """Read what `write_rows` wrote.
-
-    Raises:
-        ConfigError: if the file cannot be read or holds something else.
-    """
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=list[Row])
-    except (OSError, msgspec.DecodeError) as error:
-        raise ConfigError(f"{path}: not the rows of an earlier run ({error})") from error
-
-
-def compare(old: Sequence[Row], new: Sequence[Row]) -> list[str]:
+def compare(old: Sequence[LatencyRow], new: Sequence[LatencyRow]) -> list[str]:
     """One line for each row that both runs have: how the best round's tick changed."""
     before = {row.key: row.best_us for row in old}
     return [

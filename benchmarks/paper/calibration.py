@@ -65,7 +65,7 @@ SCALES = {
 """Differences that count as one."""
 
 
-class Candidate(msgspec.Struct, frozen=True):
+class Candidate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A definition's figures, to be held against the paper's."""
 
     label: str

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.result_file import replaced
+from benchmarks.result_file import read_result, replaced, write_result
+from benchmarks.result_page import table, table_head, table_line
 from benchmarks.sil.cases import Case, Late
 from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.measurement.report import SilReport
@@ -17,7 +18,7 @@ OVERHEAD_BYTES = 28
 """IPv4 and UDP headers."""
 
 
-class Row(msgspec.Struct, frozen=True):
+class CaseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One line of the table of what must be seen."""
 
     name: str
@@ -35,7 +36,7 @@ class Row(msgspec.Struct, frozen=True):
     """Runs before this one that only came late or were disturbed, and were repeated."""
 
 
-class Size(msgspec.Struct, frozen=True):
+class Size(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One line of the table of growth; per robot means the mean."""
 
     robots: int
@@ -53,25 +54,23 @@ class Size(msgspec.Struct, frozen=True):
     disturbed: tuple[str, ...]
 
 
-class Page(msgspec.Struct, frozen=True):
+class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that was measured."""
 
     cores: int
-    rows: tuple[Row, ...]
+    rows: tuple[CaseRow, ...]
     sizes: tuple[Size, ...]
 
 
 def keep(path: Path, page: Page) -> None:
     """Write a page; rows and sizes of the file that were not measured again stay as they are."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    old = msgspec.json.decode(path.read_bytes(), type=Page) if path.exists() else Page(page.cores, (), ())
+    old = read_result(path, Page, default=Page(page.cores, (), ()))
     rows = replaced(old.rows, page.rows, attrgetter("name"))
     sizes = replaced(old.sizes, page.sizes, attrgetter("robots", "rate_hz"))
-    page = Page(page.cores, tuple(rows), tuple(sizes))
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(page), indent=1) + b"\n")
+    write_result(path, Page(page.cores, tuple(rows), tuple(sizes)))
 
 
-def settled_row(case: Case, run: Callable[[], SilReport]) -> Row:
+def settled_row(case: Case, run: Callable[[], SilReport]) -> CaseRow:
     """Judge runs of a case until one tells something, ATTEMPTS at most; the last counts.
 
     A robot that is a moment late tells of its code or of who shares its machine: code is late again. What
@@ -89,9 +88,9 @@ def _tells_nothing(case: Case, report: SilReport) -> bool:
     return bool(missing) and (only_late or bool(report.disturbed))
 
 
-def row_of(case: Case, report: SilReport) -> Row:
+def row_of(case: Case, report: SilReport) -> CaseRow:
     """Judge one run."""
-    return Row(
+    return CaseRow(
         case.name,
         report.robots_count,
         report.rate_hz,
@@ -121,32 +120,36 @@ def size_of(report: SilReport, neighbours: int) -> Size:
     )
 
 
-def failed(case: Case, words: str) -> Row:
+def failed(case: Case, words: str) -> CaseRow:
     """Return the row of a run that could not be carried to its end."""
-    return Row(case.name, case.robots, case.rate_hz, 0.0, case.realtime, case.asked, "-", (words,), ())
+    return CaseRow(case.name, case.robots, case.rate_hz, 0.0, case.realtime, case.asked, "-", (words,), ())
 
 
-HEAD = "| | asked | seen | |\n|---|---|---|---|"
+HEAD = table_head(["", "asked", "seen", ""])
 
 
-def line(row: Row) -> str:
+def line(row: CaseRow) -> str:
     """Format a row as a line of a Markdown table under `HEAD`."""
     verdict = "not seen: " + "; ".join(row.missing) if row.missing else "yes"
     verdict += f", {'INVALID: ' * bool(row.missing)}machine disturbed" if row.disturbed else ""
     verdict += f", after {row.late_before} that only came late" if row.late_before else ""
-    return f"| {row.name} | {row.asked} | {row.seen} | {verdict} |"
+    return table_line([row.name, row.asked, row.seen, verdict])
 
 
 def sizes_table(sizes: Sequence[Size]) -> str:
     """Format sizes as a Markdown table."""
     lines = [
-        "| robots | rate Hz | neighbours | ticks % | cores | cores a robot | MiB a robot | kB/s a robot |",
-        "|--:" * 8 + "|",
+        [
+            str(size.robots),
+            f"{size.rate_hz:g}",
+            str(size.neighbours),
+            f"{100 * size.achieved_rate_share:.2f}",
+            f"{size.cpu_cores:.2f}",
+            f"{size.cpu_cores_a_robot:.3f}",
+            f"{size.memory_mib_a_robot:.0f}",
+            f"{size.sent_bytes_a_second / 1e3:.1f}",
+        ]
+        for size in sizes
     ]
-    for size in sizes:
-        lines.append(
-            f"| {size.robots} | {size.rate_hz:g} | {size.neighbours} | {100 * size.achieved_rate_share:.2f} "
-            f"| {size.cpu_cores:.2f} | {size.cpu_cores_a_robot:.3f} | {size.memory_mib_a_robot:.0f} "
-            f"| {size.sent_bytes_a_second / 1e3:.1f} |"
-        )
-    return "\n".join(lines)
+    header = ["robots", "rate Hz", "neighbours", "ticks %", "cores", "cores a robot", "MiB a robot"]
+    return table([*header, "kB/s a robot"], lines)

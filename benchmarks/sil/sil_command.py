@@ -15,7 +15,18 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.sil.cases import Case, cases, soak
-from benchmarks.sil.rows import HEAD, Page, Row, Size, failed, keep, line, settled_row, size_of, sizes_table
+from benchmarks.sil.rows import (
+    HEAD,
+    CaseRow,
+    Page,
+    Size,
+    failed,
+    keep,
+    line,
+    settled_row,
+    size_of,
+    sizes_table,
+)
 from benchmarks.sil.run import run_case
 from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.scenario.team_file import NEAREST
@@ -68,7 +79,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _row(case: Case, *, short: bool, realtime: bool) -> Row:
+def _row(case: Case, *, short: bool, realtime: bool) -> CaseRow:
     try:
         return settled_row(case, partial(run_case, case, short=short, realtime=realtime))
     except EdgeError as error:

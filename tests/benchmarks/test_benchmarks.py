@@ -15,8 +15,9 @@ from benchmarks.latency.contenders import CONTENDERS, prepare
 from benchmarks.latency.growth import estimate_orin_nano, grow, paper_terms
 from benchmarks.latency.latency_page import Footprint, Result, render
 from benchmarks.latency.measure import Slot, Timing, interleave, stolen_share
-from benchmarks.latency.rows import compare, make_row, read_rows, write_rows
+from benchmarks.latency.rows import LatencyRow, compare, make_row
 from benchmarks.latency.sweeps import Sweep
+from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError, PolicyError
 
 TINY = Case(layers=(16, 16), observation_dim=5, euler_steps=3)
@@ -64,8 +65,8 @@ def test_a_short_run_writes_its_rows_and_says_what_each_budget_is_held_by(tmp_pa
     assert code == 0
     assert capsys.readouterr().out.count("held by") == 2
     assert [row.backend for row in rows] == ["numpy", "compiled", "limit"]
-    write_rows(tmp_path / "rows.json", rows)
-    assert read_rows(tmp_path / "rows.json") == rows
+    write_result(tmp_path / "rows.json", rows)
+    assert read_result(tmp_path / "rows.json", list[LatencyRow]) == rows
     assert all(set(row) >= ROW_KEYS for row in json.loads((tmp_path / "rows.json").read_text()))
     assert all(row.best_us <= row.p99_us <= row.p99_9_us for row in rows)
     lines = compare(rows, rows)
@@ -191,7 +192,7 @@ def test_the_page_marks_a_noisy_run_invalid():
 
 def test_an_unreadable_older_run_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"none\.json"):
-        read_rows(tmp_path / "none.json")
+        command.main(["--compare", str(tmp_path / "none.json")])
 
 
 def test_an_unknown_measurement_lists_the_known(monkeypatch, capsys):

@@ -12,7 +12,7 @@ from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, CanRobot, MavlinkRobot
-from benchmarks.faults.rows import FaultRow, measured, table, timed
+from benchmarks.faults.rows import FaultRow, faults_table, measured, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
 from benchmarks.result_file import replaced
 from edge_runtime.errors import BridgeError
@@ -111,7 +111,7 @@ def test_rows_hold_percentiles_in_milliseconds():
             "repeated": 0,
         }
     )
-    lines = table([row, FaultRow("forged", "mavlink", 100_000, passed=0)]).splitlines()
+    lines = faults_table([row, FaultRow("forged", "mavlink", 100_000, passed=0)]).splitlines()
     assert lines[2:] == [
         "| fault | can | 101 | 51.0 | 96.0 | 101 | 0.500 |  |",
         "| forged | mavlink | 100,000 |  |  |  |  | 0 |",

@@ -3,17 +3,16 @@
 import base64
 import re
 
-import msgspec
 import pytest
 from paths import ROOT
 
-from benchmarks.faults.rows import FaultRow, read_rows
+from benchmarks.faults.rows import FaultRow
 from benchmarks.faults.rows import draw as draw_faults
 from benchmarks.faults.rows import render as render_faults
-from benchmarks.recording import HandOver
-from benchmarks.recording import Row as Recorded
+from benchmarks.recording import Overhead
 from benchmarks.recording import draw as draw_recording
 from benchmarks.recording import render as render_recording
+from benchmarks.result_file import read_result
 from benchmarks.result_page import main, make_page, table, write_html
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import Figure, Note, Table, Verdict, render
@@ -114,17 +113,16 @@ def test_the_recorded_latency_page_becomes_one_file(tmp_path):
 
 def test_the_recorded_rows_become_pages():
     pytest.importorskip("matplotlib")
-    faults = read_rows(RESULTS / "faults.json")
-    recorded = msgspec.json.decode((RESULTS / "recording.json").read_bytes())
-    rows = msgspec.convert(recorded["rows"], list[Recorded])
-    hand_over = msgspec.convert(recorded["hand_over"], HandOver)
+    faults = read_result(RESULTS / "faults.json", list[FaultRow])
+    recorded = read_result(RESULTS / "recording.json", Overhead)
+    rows, hand_over = recorded.rows, recorded.hand_over
     for text, drawings, names in (
         (render_faults(faults), {"stops.svg": draw_faults(faults)}, {row.fault for row in faults}),
         (render_recording(rows, hand_over), {"ticks.svg": draw_recording(rows)}, {r.quantity for r in rows}),
     ):
         page = make_page(text, drawings=drawings)
-        first = page.sections[0].items
-        (shown,) = (item for item in first if isinstance(item, Table))
+        items = [item for section in page.sections for item in section.items]
+        shown = next(item for item in items if isinstance(item, Table))
         assert {row[0] for row in shown.rows} == names
         assert fetches_nothing(render(page))
 
