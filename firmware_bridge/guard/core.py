@@ -97,6 +97,11 @@ class Guard:
         """Whether the robot was stopped and nobody is left to report to."""
         return self._leaving and self.phase is Phase.STOPPED
 
+    @property
+    def holds_robot(self) -> bool:
+        """Whether the robot may move by our commands, or was moved by them and has not been stopped yet."""
+        return self.phase in _TOUCHING or self.phase is Phase.STOPPING
+
     def filenos(self) -> tuple[int, ...]:
         """File descriptors of the link, none once it has failed."""
         return () if self._deaf else self._link.filenos()

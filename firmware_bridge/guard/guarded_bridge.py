@@ -1,11 +1,11 @@
 """The Bridge in the runtime's process: starts a guard, hands it commands, takes states back."""
 
 import select
+import signal
 import socket
 import subprocess
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import TypeVar
 
 from edge_runtime.common.child import start_child
@@ -27,6 +27,9 @@ OPENING_S = 30.0
 """Longest wait for a guard to open its link."""
 STOPPING_S = 15.0
 """Longest wait for a guard to finish the stop sequence; more than its own bound."""
+
+ENDING_S = 1.0
+"""Longest wait for the system to tell how a guard ended whose socket has closed."""
 
 Self = TypeVar("Self", bound="GuardedBridge")
 
@@ -68,12 +71,7 @@ class GuardedBridge:
             raise
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the robot and wait until the guard has ended."""
         self._leave()
 
@@ -126,7 +124,7 @@ class GuardedBridge:
             select.select((self._socket,), (), (), wait_s)
             self._receive()
         if not settled():
-            raise BridgeError(f"the guard ended: {self._reason or 'its own output says why'}")
+            raise BridgeError(f"the guard ended: {self._ending()}")
 
     def _send(self, packet: bytes) -> None:
         try:
@@ -135,7 +133,7 @@ class GuardedBridge:
             raise BridgeError("the guard does not take commands: is it stopped or starved?") from None
         except OSError:
             self._receive()
-            raise BridgeError(f"the guard ended: {self._reason or 'its own output says why'}") from None
+            raise BridgeError(f"the guard ended: {self._ending()}") from None
 
     def _receive(self) -> None:
         while self._connected:
@@ -160,6 +158,16 @@ class GuardedBridge:
         else:
             self.counts = answer.counts
             self._state = answer.state or self._state
+
+    def _ending(self) -> str:
+        """Say why the guard ended: in its own words, or as the system saw it where it had none."""
+        if self._reason or self._process is None:
+            return self._reason
+        try:
+            code = self._process.wait(ENDING_S)
+        except subprocess.TimeoutExpired:
+            return "its socket closed"
+        return f"exit code {code}" if code >= 0 else f"signal {-code} ({signal.strsignal(-code)})"
 
     def _leave(self) -> None:
         """Close the socket, which makes the guard stop the robot, and wait for its end."""

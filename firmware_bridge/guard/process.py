@@ -20,9 +20,10 @@ from collections.abc import Iterator
 
 import msgspec
 
-from edge_runtime.errors import EdgeError
+from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.core import Guard, check_firmware_timeout
-from firmware_bridge.guard.link import Link
+from firmware_bridge.guard.last_resort import describe, stop_anyhow
+from firmware_bridge.guard.link import Condition, Link
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.guard.wire import (
     PACKET_BYTES,
@@ -115,22 +116,31 @@ def serve(link: Link, spec: GuardSpec, runtime: socket.socket, wake: socket.sock
 
     Raises:
         ConfigError: if the firmware's command timeout does not stop the robot after the guard's death.
+        BridgeError: if anything failed that the guard does not answer by itself, once the robot was stopped.
     """
     check_firmware_timeout(link, spec.allow_unsafe_firmware_timeout)
     guard = Guard(link, spec)
     guard.events.append(Event(Phase.WATCHING, "open"))
     try:
         Loop(guard, runtime, wake).run()
-    finally:
-        _finish(guard)
+    except BaseException as error:
+        failure = describe(error)
+        tell_failure(runtime, failure)
+        trouble = stop_anyhow(link) if guard.holds_robot and not _is_taken(link) else ""
+        raise BridgeError("; ".join(filter(None, (failure, trouble)))) from error
 
 
-def _finish(guard: Guard) -> None:
-    """Complete the stop after a failure of the loop itself; does nothing after a regular end."""
-    guard.on_leave("the guard failed", time.monotonic())
-    while not guard.finished:
-        time.sleep(max(guard.next_due_s() - time.monotonic(), 0.0))
-        guard.on_time(time.monotonic())
+def _is_taken(link: Link) -> bool:
+    """Whether an operator has the robot, as far as the link can still tell."""
+    with contextlib.suppress(BaseException):
+        return link.health(time.monotonic()).condition is Condition.OVERRIDE
+    return False
+
+
+def tell_failure(runtime: socket.socket, text: str) -> None:
+    """Tell the runtime why this guard ends, if it still listens."""
+    with contextlib.suppress(OSError):
+        runtime.send(encode_event(Event(Phase.FAILED, text), time.monotonic()))
 
 
 def make_link(spec: GuardSpec) -> Link:
@@ -166,20 +176,20 @@ def guard(spec: GuardSpec, runtime: socket.socket) -> None:
             gc.freeze()
             serve(link, spec, runtime, wake)
         finally:
-            link.close()
+            with contextlib.suppress(BaseException):  # all is done; an adapter that is gone needs no farewell
+                link.close()
 
 
 def main(arguments: list[str]) -> int:
-    """Run as the runtime's child; errors of the family go to the runtime, which prints them."""
+    """Run as the runtime's child; whatever is raised goes to the runtime in one line, which prints it."""
     runtime = socket.socket(fileno=int(arguments[0]))
     runtime.setblocking(False)
     os.set_inheritable(runtime.fileno(), False)
     try:
         spec = msgspec.json.decode(arguments[1], type=GuardSpec)
         guard(spec, runtime)
-    except (EdgeError, msgspec.ValidationError) as error:
-        with contextlib.suppress(OSError):
-            runtime.send(encode_event(Event(Phase.FAILED, str(error)), time.monotonic()))
+    except BaseException as error:  # noqa: BLE001 - told to the runtime, whose user reads it
+        tell_failure(runtime, describe(error))
         return 2
     return 0
 

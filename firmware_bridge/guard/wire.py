@@ -47,7 +47,7 @@ class Phase(enum.IntEnum):
     STOPPED = 5
     """Latched: only a new guard drives again."""
     FAILED = 6
-    """The guard could not start."""
+    """The guard could not start, or something failed that it does not know; a moving robot is stopped."""
 
 
 class Counts(msgspec.Struct, frozen=True, gc=False):

@@ -95,8 +95,25 @@ def test_a_stop_of_the_guard_is_an_error_with_its_first_cause(bridge, guard):
 
 def test_a_guard_that_ended_is_an_error(bridge, guard):
     guard.socket.close()
-    with pytest.raises(BridgeError, match=r"^the guard ended: its own output says why$"):
+    with pytest.raises(BridgeError, match=r"^the guard ended: exit code 0$"):
         bridge.write(COMMAND)
+
+
+@pytest.mark.parametrize(
+    ("lifetime", "ending"),
+    [
+        ("raise SystemExit(7)", r"exit code 7"),
+        ("import os; os.kill(os.getpid(), 9)", r"signal 9 \(Killed\)"),
+        ("import time; time.sleep(1)", "its socket closed"),
+    ],
+)
+def test_a_guard_without_words_is_seen_to_end(guard, monkeypatch, lifetime, ending):
+    monkeypatch.setattr(bridge_module, "ENDING_S", 0.05 if "sleep" in lifetime else 60.0)
+    guard.lifetime = lifetime
+    with GuardedBridge(spec()) as bridge:
+        guard.socket.close()
+        with pytest.raises(BridgeError, match=f"^the guard ended: {ending}$"):
+            bridge.write(COMMAND)
 
 
 def test_a_guard_that_dies_with_words_unread_is_quoted(bridge, guard):
@@ -173,7 +190,7 @@ def test_a_guard_that_cannot_start_is_told(guard):
 def test_a_guard_that_dies_at_once_is_told(guard):
     guard.opening = []
     with (
-        pytest.raises(BridgeError, match=r"^the guard ended: its own output says why$"),
+        pytest.raises(BridgeError, match=r"^the guard ended: exit code 0$"),
         GuardedBridge(spec()),
     ):
         pass
@@ -211,3 +228,10 @@ def test_a_bridge_that_was_never_opened():
     with pytest.raises(BridgeError, match="with statement"):
         _ = bridge.guard_pid
     bridge.__exit__(None, None, None)
+
+
+def test_a_guard_that_failed_while_it_drove_is_quoted(bridge, guard):
+    guard.tell(Event(Phase.DRIVING, "enabled"))
+    guard.tell(Event(Phase.FAILED, "the guard failed, KeyError in slcan.py, line 7: 'x'"))
+    with pytest.raises(BridgeError, match=r"^the guard stopped the robot: the guard failed, KeyError"):
+        bridge.write(COMMAND)

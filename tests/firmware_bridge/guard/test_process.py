@@ -200,21 +200,6 @@ def test_a_runtime_that_does_not_listen_still_gets_every_event(link):
     assert session.events()[3:] == ["enough", "stop sequence done"]
 
 
-def test_a_failure_of_the_loop_itself_stops_the_robot(link, monkeypatch):
-    def runtime(session):
-        session.drive()
-
-        def explode(_):
-            raise ZeroDivisionError
-
-        monkeypatch.setattr(link, "receive", explode)
-        link.bus.send(b"x")
-
-    with pytest.raises(ZeroDivisionError):
-        Session(runtime, deadline_s=1.0).run()
-    assert link.log[-3:] == ["stop 1", "stop 2", "close"]
-
-
 def test_a_link_that_does_not_open_is_told_to_the_runtime(link):
     link.failing = {"open"}
     session = Session(lambda session: session.phase(Phase.FAILED))

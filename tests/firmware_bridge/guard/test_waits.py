@@ -144,26 +144,6 @@ def test_an_unsafe_firmware_timeout_is_allowed_by_its_flag_only():
         assert (runtime.failure is None) is allowed
 
 
-def test_a_guard_that_fails_stops_without_delay(monkeypatch):
-    sleeps = []
-
-    def sleep(seconds):
-        sleeps.append(seconds)
-        time.sleep(seconds)
-
-    monkeypatch.setattr(guard_module, "time", SimpleNamespace(monotonic=time.monotonic, sleep=sleep))
-    link = QuietLink()
-    runtime = Runtime(link, deadline_s=0.5)
-    runtime.drive()
-    link.receive = lambda _: 1 / 0
-    link.bus.send(b"x")
-    runtime._thread.join(20)
-    runtime.end()
-    assert isinstance(runtime.failure, ZeroDivisionError)
-    assert link.log[-2:] == ["stop 1", "stop 2"]
-    assert max(sleeps) <= link.stop_delay_s
-
-
 def test_the_process_makes_its_link_from_its_specification_and_leaves_no_child_the_socket(monkeypatch):
     made = []
 
