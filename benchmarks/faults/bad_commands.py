@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.faults.opened import FORWARD, enable, opened_link
 from benchmarks.faults.robot import Robot
 from firmware_bridge.guard.core import Guard
-from firmware_bridge.guard.link import CommandLimits, Link, Setpoint
+from firmware_bridge.guard.link import Link, Setpoint, SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.guard.wire import encode_command, encode_stop
 
@@ -46,7 +46,7 @@ def _command_and_then(link: Link, spec: GuardSpec, packet: bytes, now_s: float) 
     guard.on_packet(packet, now_s)
 
 
-def bad_numbers(draw: np.random.Generator, count: int, limits: CommandLimits) -> list[list[float]]:
+def bad_numbers(draw: np.random.Generator, count: int, limits: SetpointLimits) -> list[list[float]]:
     """Draw actions and velocities of which at least one number is not finite or over its limit.
 
     A third are random bits, a third are just or far over a limit, a third have one number that is none.
@@ -64,7 +64,7 @@ def bad_numbers(draw: np.random.Generator, count: int, limits: CommandLimits) ->
     return numbers.tolist()
 
 
-def _in_order(numbers: np.ndarray, limits: CommandLimits) -> np.ndarray:
+def _in_order(numbers: np.ndarray, limits: SetpointLimits) -> np.ndarray:
     """Whether each command is in order after all; comparisons with NaN are false."""
     with np.errstate(all="ignore"):
         slow = np.hypot(numbers[:, 2], numbers[:, 3]) <= limits.speed_m_s

@@ -18,7 +18,7 @@ from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import profile_path
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import PROFILES
@@ -36,7 +36,7 @@ PERIOD_S = 0.02
 """Of the commands."""
 DEADLINE_S = 3 * PERIOD_S
 SPEED_M_S = 0.5
-LIMITS = CommandLimits(1.5, 1.0)
+LIMITS = SetpointLimits(1.5, 1.0)
 CRUISING_SHARE = 0.95
 SLOWEST_M_S = 1e-3
 """Slower counts as standing."""

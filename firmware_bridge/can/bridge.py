@@ -13,7 +13,7 @@ from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import Profile, load_profile, profile_path
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 
 CONFIRMING = "look, then set it to true in your copy of the profile"
@@ -88,7 +88,7 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
         link="can",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=CommandLimits(_speed_limit(profile, options), _action_limit(manifest)),
+        limits=SetpointLimits(_speed_limit(profile, options), _action_limit(manifest)),
         options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,

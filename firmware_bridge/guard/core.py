@@ -9,7 +9,7 @@ from collections import deque
 from typing import cast
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.guard.link import CommandLimits, Condition, Health, Link, Setpoint, Steps
+from firmware_bridge.guard.link import Condition, Health, Link, Setpoint, SetpointLimits, Steps
 from firmware_bridge.guard.spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
 from firmware_bridge.guard.wire import (
     Counts,
@@ -55,7 +55,7 @@ def firmware_timeout_fault(timeout_s: float | None) -> str:
     return f"the firmware's command timeout is {known}, not between 0 and {LONGEST_FIRMWARE_TIMEOUT_S:g} s"
 
 
-def limit_fault(setpoint: Setpoint, limits: CommandLimits) -> str:
+def limit_fault(setpoint: Setpoint, limits: SetpointLimits) -> str:
     """Say what is wrong with a command's numbers; empty if nothing is."""
     speed = math.hypot(*setpoint.velocity_m_s)
     a_x, a_y = setpoint.action

@@ -50,7 +50,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """What the firmware complains of and drives on with; the runtime is told each once."""
 
 
-class CommandLimits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
+class SetpointLimits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """What the guard lets through; anything outside stops the robot."""
 
     speed_m_s: float

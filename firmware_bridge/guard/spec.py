@@ -6,7 +6,7 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 
 LONGEST_DEFAULT_DEADLINE_S = 0.1
 LONGEST_FIRMWARE_TIMEOUT_S = 1.0
@@ -29,7 +29,7 @@ class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot_id: int
     deadline_s: float
     """Longest time without a fresh command."""
-    limits: CommandLimits
+    limits: SetpointLimits
     options: msgspec.Raw
     """JSON that only the link understands."""
     arm: bool = False

@@ -12,7 +12,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import PROFILES, find_profile
@@ -113,7 +113,7 @@ def make_spec(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz:
         link="mavlink",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=CommandLimits(options.max_speed_m_s, action_limit),
+        limits=SetpointLimits(options.max_speed_m_s, action_limit),
         options=msgspec.Raw(msgspec.json.encode(link)),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,

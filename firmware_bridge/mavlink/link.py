@@ -8,7 +8,7 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard.link import CommandLimits, Condition, Health, Link, Setpoint, Steps
+from firmware_bridge.guard.link import Condition, Health, Link, Setpoint, SetpointLimits, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink.channel import Channel
@@ -64,7 +64,7 @@ class MavlinkLink:
         self,
         options: MavlinkOptions,
         robot_id: int,
-        limits: CommandLimits,
+        limits: SetpointLimits,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.firmware_timeout_s: float | None = None

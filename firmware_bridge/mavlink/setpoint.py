@@ -4,7 +4,7 @@ import math
 
 from edge_runtime.messages import RobotState, Vector2
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard.link import CommandLimits, Setpoint
+from firmware_bridge.guard.link import Setpoint, SetpointLimits
 from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
 from firmware_bridge.mavlink.messages import Target
@@ -33,7 +33,9 @@ class Follower:
         wheels: how forward speed and yaw rate follow from a velocity; only for autopilots that follow those.
     """
 
-    def __init__(self, motion: SetpointKind, dynamics: Dynamics, limits: CommandLimits, wheels: Base) -> None:
+    def __init__(
+        self, motion: SetpointKind, dynamics: Dynamics, limits: SetpointLimits, wheels: Base
+    ) -> None:
         self._motion = motion
         self._dynamics = dynamics
         self._limits = limits

@@ -16,7 +16,7 @@ from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import profile_path
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.node import FirmwareLoop, FirmwareNode
@@ -37,7 +37,7 @@ def multicast_address() -> str:
 def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> GuardSpec:
     path = Path(profile) if profile.endswith(".toml") else profile_path(profile)
     options = msgspec.Raw(msgspec.json.encode(CanOptions(address, str(path), PlanarPose())))
-    spec = GuardSpec("can", 3, 0.1, CommandLimits(1.5, 1.0), options, arm=True)
+    spec = GuardSpec("can", 3, 0.1, SetpointLimits(1.5, 1.0), options, arm=True)
     return msgspec.structs.replace(spec, **changes)
 
 

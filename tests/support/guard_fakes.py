@@ -6,7 +6,7 @@ import msgspec
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard.link import CommandLimits, Condition, Health, Setpoint
+from firmware_bridge.guard.link import Condition, Health, Setpoint, SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
 
 
@@ -15,7 +15,7 @@ def spec(**changes) -> GuardSpec:
         "link": "can",
         "robot_id": 1,
         "deadline_s": 0.06,
-        "limits": CommandLimits(1.0, 2.0),
+        "limits": SetpointLimits(1.0, 2.0),
         "options": msgspec.Raw(b"{}"),
     }
     return GuardSpec(**{**values, "arm": True, **changes})

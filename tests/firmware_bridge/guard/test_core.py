@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.core import Guard, check_firmware_timeout, limit_fault
-from firmware_bridge.guard.link import CommandLimits, Condition, Setpoint
+from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
 from firmware_bridge.guard.wire import Counts, Event, Phase, encode_command, encode_stop
 
 
@@ -223,7 +223,7 @@ def test_a_bad_command_stops(velocity, action, said):
 
 
 def test_limits_themselves_are_allowed():
-    assert limit_fault(Setpoint(0, 0.0, (2.0, -2.0), (0.6, 0.8)), CommandLimits(1.0, 2.0)) == ""
+    assert limit_fault(Setpoint(0, 0.0, (2.0, -2.0), (0.6, 0.8)), SetpointLimits(1.0, 2.0)) == ""
 
 
 def test_a_command_from_the_future_stops():
@@ -256,7 +256,7 @@ def test_no_mutated_packet_moves_a_watched_robot_beyond_its_limits(junk, place):
     sent = []
     rig.link.send = lambda setpoint, _now: sent.append(setpoint)
     rig.guard.on_packet(packet[:place] + junk + packet[place + len(junk) :], rig.now)
-    assert all(limit_fault(setpoint, CommandLimits(1.0, 2.0)) == "" for setpoint in sent)
+    assert all(limit_fault(setpoint, SetpointLimits(1.0, 2.0)) == "" for setpoint in sent)
 
 
 @given(st.tuples(*[st.floats() for _ in range(5)]), st.integers(0, 2**64 - 1))

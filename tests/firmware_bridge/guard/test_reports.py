@@ -11,7 +11,7 @@ from firmware_bridge.guard.core import (
     check_firmware_timeout,
     limit_fault,
 )
-from firmware_bridge.guard.link import CommandLimits, Condition, Setpoint
+from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
 from firmware_bridge.guard.wire import (
     Counts,
     Event,
@@ -160,7 +160,7 @@ def test_an_event_carries_no_sequence():
 
 
 def fault(velocity=(0.0, 0.0), action=(0.0, 0.0)):
-    return limit_fault(Setpoint(0, 100.0, action, velocity), CommandLimits(speed_m_s=1.0, action=2.0))
+    return limit_fault(Setpoint(0, 100.0, action, velocity), SetpointLimits(speed_m_s=1.0, action=2.0))
 
 
 def test_rounding_is_not_over_the_limit_and_more_is():

@@ -8,7 +8,7 @@ from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.manifest import ActionField
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import CommandLimits
+from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.mavlink.bridge import add_arguments, make_spec, options_from
 from firmware_bridge.mavlink.link import MavlinkLink, make_link
 from firmware_bridge.mavlink.options import MavlinkOptions
@@ -45,7 +45,12 @@ def test_flags_reach_the_guard():
         *("--max-speed", "1.5", "--arm"),
     )
     spec = bridge._spec
-    assert (spec.link, spec.robot_id, spec.arm, spec.limits) == ("mavlink", 3, True, CommandLimits(1.5, 1.25))
+    assert (spec.link, spec.robot_id, spec.arm, spec.limits) == (
+        "mavlink",
+        3,
+        True,
+        SetpointLimits(1.5, 1.25),
+    )
     assert options_of(bridge) == MavlinkOptions(
         autopilot="px4",
         address="serial:/dev/ttyACM0:921600",

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common
 import firmware_bridge.mavlink.channel as mavlink_channel
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard.link import CommandLimits, Condition, Setpoint
+from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
 from firmware_bridge.mavlink.link import MavlinkLink
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import PROFILES
@@ -15,7 +15,7 @@ from firmware_bridge.mavlink.signing import clock_ticks
 
 SET_MODE, ARM = 176, 400
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1).at_period(0.02)
-LIMITS = CommandLimits(speed_m_s=1.0, action=1.0)
+LIMITS = SetpointLimits(speed_m_s=1.0, action=1.0)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from edge_runtime.motion.dynamics import Dynamics
-from firmware_bridge.guard.link import CommandLimits, Setpoint
+from firmware_bridge.guard.link import Setpoint, SetpointLimits
 from firmware_bridge.kinematics.base import Base
 from firmware_bridge.mavlink.messages import Target
 from firmware_bridge.mavlink.profiles import SetpointKind
@@ -15,7 +15,7 @@ from firmware_bridge.mavlink.setpoint import Follower, clamp
 
 DRAGGED = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1).at_period(0.02)
 FREE = Dynamics(mass_kg=1.0, drag=0.0, dt_s=0.02)
-LIMITS = CommandLimits(speed_m_s=1.0, action=1.0)
+LIMITS = SetpointLimits(speed_m_s=1.0, action=1.0)
 STRAIGHT = Base("differential")
 AHEAD = Base("differential", sideways="lookahead", lookahead_m=0.2, max_yaw_rad_s=100.0)
 REST = (0.0, 0.0)
