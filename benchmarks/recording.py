@@ -36,7 +36,7 @@ from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.recording.folder import run_name
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.wire import LogPlan
-from edge_runtime.run.edge_run import STAGES
+from edge_runtime.run.loop import STAGES
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Verdict
 
@@ -253,7 +253,7 @@ def measure_hand_over(rate: float, duration: float) -> HandOver:
     """Time `Recorder.follow` in a paced loop with a real logger."""
     fleet = load_fleet(DEFAULT_FLEET)
     mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, rate)
-    controller: Controller = mission.controllers()[0]
+    controller: Controller = mission.controller(0)
     grid, timing, spent = DeadlineGrid(1.0 / rate), TimingRecord(STAGES), []
     mates = tuple(Teammate(RobotState(i, 0.0, (float(i), 0.5), (0.1, 0.2))) for i in (1, 2, 3))
     with tempfile.TemporaryDirectory() as folder:

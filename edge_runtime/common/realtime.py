@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import sys
 import time
 from collections.abc import Callable
 from typing import Final
@@ -11,6 +12,8 @@ from edge_runtime.errors import ConfigError
 
 PRIORITY: Final = 40
 """Of SCHED_FIFO: above everything ordinary, below the kernel's interrupt threads (50)."""
+SWITCH_S: Final = 2e-4
+"""How long the loop may wait for the interpreter while a thread computes; Python's own is 5 ms."""
 _MCL_CURRENT: Final = 1
 _MCL_FUTURE: Final = 2
 
@@ -19,6 +22,14 @@ def freeze_garbage() -> None:
     """Exempt everything allocated so far from garbage collection; call once, after start-up."""
     gc.collect()
     gc.freeze()
+
+
+def switch_threads_often() -> None:
+    """Have threads that check objectives or write to a terminal soon give the loop its interpreter back.
+
+    It holds for the whole process, so whoever owns the process calls it, once.
+    """
+    sys.setswitchinterval(SWITCH_S)
 
 
 def enter_realtime() -> None:

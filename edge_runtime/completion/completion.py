@@ -12,7 +12,7 @@ from typing import Final
 
 from edge_runtime.commands import COMMANDS
 from edge_runtime.common.command_line import CommandParser, command, need
-from edge_runtime.run.edge_run import BRIDGES
+from edge_runtime.run.bridges import BRIDGES
 from edge_runtime.run.flags import make_parser as make_run_parser
 
 SHELLS: Final = ("bash", "zsh")
@@ -43,11 +43,11 @@ def parsers() -> Iterator[ArgumentParser]:
 
 def _bridge_parser(name: str) -> ArgumentParser:
     """All flags of all bridges."""
-    parser = make_run_parser(tuple(BRIDGES))
+    parser = make_run_parser()
     parser.prog = name
     parser.conflict_handler = "resolve"
-    for module in BRIDGES.values():
-        importlib.import_module(module).add_arguments(parser)
+    for modules in BRIDGES.values():
+        importlib.import_module(modules.bridge).add_arguments(parser)
     return parser
 
 

@@ -6,7 +6,7 @@ import random
 import numpy as np
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.control.limits import CommandLimits, first_command, limited
+from edge_runtime.control.limits import RobotLimits, first_command, limited
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
@@ -32,7 +32,7 @@ class Controller:
         observer: Observer,
         policy: VelocityField,
         guide: Guide,
-        limits: CommandLimits,
+        limits: RobotLimits,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id

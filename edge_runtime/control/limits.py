@@ -13,7 +13,7 @@ from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, 
 from edge_runtime.motion.dynamics import Preview
 
 
-class CommandLimits(msgspec.Struct, frozen=True, gc=False):
+class RobotLimits(msgspec.Struct, frozen=True, gc=False):
     """What one robot may be commanded."""
 
     low: Vector2
@@ -30,7 +30,7 @@ class CommandLimits(msgspec.Struct, frozen=True, gc=False):
 
 
 def limited(
-    guided: GuidedAction, team: TeamState, previous: Command, limits: CommandLimits, now_s: float
+    guided: GuidedAction, team: TeamState, previous: Command, limits: RobotLimits, now_s: float
 ) -> Command:
     """Turn a guided action into this tick's command.
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,7 @@ from edge_runtime.config.fleet import Fleet, Team
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
-from edge_runtime.control.limits import CommandLimits
+from edge_runtime.control.limits import RobotLimits
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
@@ -18,6 +19,7 @@ from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.policy.velocity_field import VelocityField
 
 
 def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
@@ -94,38 +96,45 @@ class Mission:
         asked = parse_objective_set(content, self.fleet.path.parent / Path(file).name, own)
         return self._ready(asked)
 
-    def controllers(self, max_speed_m_s: float = math.inf) -> dict[int, Controller]:
-        """One controller for every robot of the fleet; they share one policy and must take turns.
-
-        Args:
-            max_speed_m_s: greatest velocity setpoint that the link to the robot takes.
+    @cached_property
+    def policy(self) -> VelocityField:
+        """What computes the policy, prepared once: controllers of one mission share it and take turns.
 
         Raises:
             PolicyError: if the backend cannot run the bundle's policy.
         """
-        policy, guide = self.bundle.field(self.backend), self.guide()
-        return {
-            robot.id: Controller(
-                robot.id,
-                Observer(self.bundle.manifest, robot.goal_m),
-                policy,
-                guide,
-                self._limits(robot, max_speed_m_s),
-                self.seed * 2**16 + robot.id,
-            )
-            for robot in self.fleet.robots
-        }
+        return self.bundle.field(self.backend)
+
+    def controller(self, robot_id: int, max_speed_m_s: float = math.inf) -> Controller:
+        """Prepare the decisions of one of the fleet's robots.
+
+        Args:
+            robot_id: whose.
+            max_speed_m_s: greatest velocity setpoint that the link to the robot takes.
+
+        Raises:
+            PolicyError: if the policy cannot be computed, or observes what has no source here.
+        """
+        robot = self.fleet.robot(robot_id)
+        return Controller(
+            robot.id,
+            Observer(self.bundle.manifest, robot.goal_m),
+            self.policy,
+            self.guide(),
+            self._limits(robot, max_speed_m_s),
+            self.seed * 2**16 + robot.id,
+        )
 
     def _ready(self, asked: ObjectiveSet) -> Guide:
         manifest = self.bundle.manifest
         return make_guide(asked, manifest.dynamics, manifest.start, guided=self.guided)
 
-    def _limits(self, robot: Robot, max_speed_m_s: float) -> CommandLimits:
+    def _limits(self, robot: Robot, max_speed_m_s: float) -> RobotLimits:
         team, manifest = self.fleet.team, self.bundle.manifest
         slew_per_s = math.inf if team.slew_per_s is None else team.slew_per_s
         slew_per_s = slew_per_s if robot.slew_per_s is None else robot.slew_per_s
         x, y = manifest.action
-        return CommandLimits(
+        return RobotLimits(
             low=(x.low, y.low),
             high=(x.high, y.high),
             preview=manifest.dynamics.at_period(self.period_s).preview(1),

@@ -15,9 +15,9 @@ from edge_runtime.doctor.machine import examine_machine
 from edge_runtime.doctor.policy import examine_policy
 from edge_runtime.doctor.team import examine_team
 from edge_runtime.errors import BundleError
+from edge_runtime.run.bridges import BRIDGES
 from edge_runtime.run.console import use_colour
-from edge_runtime.run.edge_run import BRIDGES
-from edge_runtime.run.flags import chosen_bridge, make_mission, make_parser
+from edge_runtime.run.flags import make_mission, make_parser, read_flags
 
 DESCRIPTION: Final = """\
 Check everything that edge-run with the same flags rests on: policy, machine, team, bus and firmware.
@@ -32,11 +32,6 @@ exit codes:
 examples:
   edge-doctor --robot-id 0
   edge-doctor --robot-id 0 --bridge can --bus can0 --profile agilex_v2 --rate 50 --arm"""
-LINK_CHECKS: Final = {
-    "can": "firmware_bridge.can.diagnostics",
-    "mavlink": "firmware_bridge.mavlink.diagnostics",
-}
-"""Modules that offer ``examine_link(mission, options)``; a simulated robot has no link to look at."""
 
 
 def examine_all(flags: argparse.Namespace, options: object) -> Iterator[Finding]:
@@ -52,14 +47,15 @@ def examine_all(flags: argparse.Namespace, options: object) -> Iterator[Finding]
     except BundleError as error:
         cause = str(error)  # the checks of team and link need the policy's limits and rate
         return chain(machine, [examine("bundle", lambda: fail(cause, "what rests on it was not checked"))])
-    team = examine_team(mission, simulated=flags.bridge == "sim")
-    return chain(machine, examine_policy(mission), team, _examine_link(mission, flags.bridge, options))
+    modules = BRIDGES[flags.bridge]
+    team = examine_team(mission, simulated=modules.simulated)
+    return chain(machine, examine_policy(mission), team, _examine_link(modules.checks, mission, options))
 
 
-def _examine_link(mission: Mission, bridge: str, options: object) -> Iterator[Finding]:
-    if bridge not in LINK_CHECKS:
+def _examine_link(module: str, mission: Mission, options: object) -> Iterator[Finding]:
+    if not module:
         return iter(())
-    findings: Iterator[Finding] = importlib.import_module(LINK_CHECKS[bridge]).examine_link(mission, options)
+    findings: Iterator[Finding] = importlib.import_module(module).examine_link(mission, options)
     return findings
 
 
@@ -77,11 +73,9 @@ def show(findings: Iterable[Finding], *, colour: bool) -> bool:
 @command("edge-doctor")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-doctor``; returns the exit code."""
-    link = importlib.import_module(BRIDGES[chosen_bridge(arguments, tuple(BRIDGES))])
-    parser = make_parser(tuple(BRIDGES))
+    parser = make_parser()
     parser.prog, parser.description, parser.epilog = "edge-doctor", DESCRIPTION, EPILOG
-    link.add_arguments(parser)
-    flags = parser.parse_args(arguments)
+    flags, link = read_flags(arguments, parser)
     findings = examine_all(flags, link.options_from(flags))
     try:
         return 0 if show(findings, colour=use_colour(sys.stdout)) else 1

@@ -1,8 +1,10 @@
 """The command line of edge-run, and the mission that its flags describe."""
 
 import argparse
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from edge_runtime.common.command_line import CommandParser
@@ -15,6 +17,7 @@ from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.recording.flags import add_log_flags
+from edge_runtime.run.bridges import BRIDGES
 
 DESCRIPTION: Final = """\
 Drive one robot of a team by a flow policy, steered by objectives that it never saw in training.
@@ -40,8 +43,8 @@ LARGEST_SEED: Final = 2**63 - 1
 """What a log's integers hold."""
 
 
-def make_parser(bridges: Sequence[str]) -> CommandParser:
-    """The command line; ``bridges`` are the links that --bridge may name."""
+def make_parser() -> CommandParser:
+    """The command line, without the flags of any bridge."""
     parser = CommandParser("edge-run", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--robot-id", type=int, required=True, metavar="I", help="which robot of the fleet this is")
@@ -55,7 +58,7 @@ def make_parser(bridges: Sequence[str]) -> CommandParser:
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
     add(
         "--bridge",
-        choices=bridges,
+        choices=tuple(BRIDGES),
         default="sim",
         help="link to the robot (default: sim, all in this process); with --help shows the link's own flags",
     )
@@ -115,15 +118,25 @@ def make_parser(bridges: Sequence[str]) -> CommandParser:
     return parser
 
 
-def chosen_bridge(arguments: Sequence[str] | None, bridges: Sequence[str]) -> str:
-    """Return the bridge that the command line names, whose own flags are still to be added.
+def read_flags(
+    arguments: Sequence[str] | None, parser: CommandParser | None = None
+) -> tuple[argparse.Namespace, ModuleType]:
+    """Read a command line with the flags of the bridge that it names; returns them and the bridge's module.
+
+    Args:
+        arguments: the process's own where None.
+        parser: one of `make_parser`.
 
     Raises:
-        ConfigError: lists the known bridges.
+        ConfigError: says which flag is wrong.
     """
-    parser = CommandParser("edge-run", add_help=False)
-    parser.add_argument("--bridge", choices=bridges, default="sim")
-    return str(parser.parse_known_args(arguments)[0].bridge)
+    parser = parser or make_parser()
+    chosen = CommandParser(parser.prog, add_help=False)
+    chosen.add_argument("--bridge", choices=tuple(BRIDGES), default="sim")
+    bridge = chosen.parse_known_args(arguments)[0].bridge
+    link = importlib.import_module(BRIDGES[bridge].bridge)
+    link.add_arguments(parser)
+    return parser.parse_args(arguments), link
 
 
 def make_mission(flags: argparse.Namespace) -> Mission:

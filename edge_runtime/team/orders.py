@@ -6,7 +6,6 @@ rides in every frame to the teammates, so a robot that accepted learns of it fro
 operator or its packets be lost; one that learns of it after that tick changes at once.
 """
 
-import sys
 import threading
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -20,8 +19,6 @@ from edge_runtime.network.team_wire import FrameError, GuideVersions, Refusal
 
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""
-SWITCH_S: Final = 2e-4
-"""How long the loop may wait for the interpreter while a thread checks objectives; Python's own is 5 ms."""
 STACK_BYTES: Final = 2**20
 """Of that thread: with locked memory, mapping the usual 8 MiB would take the loop 5 ms."""
 STOPPED: Final = "stopped by edge-ctl"
@@ -98,7 +95,6 @@ class Orders:
         self._robot_id, self._boot_id, self._prepare = robot_id, boot_id, prepare
         self._proposal: Proposal | None = None
         self._session = 0  # of the operator whose objectives these are; 0 for none
-        sys.setswitchinterval(SWITCH_S)
 
     def take(self, order: Order, now_s: float) -> str:
         """Act on an authentic order; taking it once more changes nothing.

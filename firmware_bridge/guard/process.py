@@ -21,6 +21,7 @@ from collections.abc import Iterator
 import msgspec
 
 from edge_runtime.errors import BridgeError
+from edge_runtime.run.bridges import BRIDGES
 from firmware_bridge.guard.core import Guard, check_firmware_timeout
 from firmware_bridge.guard.last_resort import describe, stop_anyhow
 from firmware_bridge.guard.link import Condition, Link
@@ -34,11 +35,6 @@ from firmware_bridge.guard.wire import (
     encode_report,
 )
 
-LINKS = {
-    "can": "firmware_bridge.can.link",
-    "mavlink": "firmware_bridge.mavlink.link",
-}
-"""Module of each link; it has ``make_link(spec: GuardSpec) -> Link``."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 PACKETS_A_PASS = 16
 """Commands read before the bus gets its turn."""
@@ -145,7 +141,7 @@ def tell_failure(runtime: socket.socket, text: str) -> None:
 
 def make_link(spec: GuardSpec) -> Link:
     """Build the link that the specification names; nothing is opened yet."""
-    module = importlib.import_module(LINKS[spec.link])
+    module = importlib.import_module(BRIDGES[spec.link].guard_link)
     link: Link = module.make_link(spec)
     return link
 

@@ -113,8 +113,7 @@ def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
     """
     fleet, manifest = mission.fleet, mission.bundle.manifest
     robots = fleet.robots if fleet.carrier is None else (fleet.robot(mission.robot_id),)
-    every = mission.controllers()
-    mates = {robot.id: every[robot.id] for robot in robots if robot.id != mission.robot_id}
+    mates = {robot.id: mission.controller(robot.id) for robot in robots if robot.id != mission.robot_id}
     dynamics = manifest.dynamics.at_period(mission.period_s)
     plant = Plant(dynamics, manifest.body.radius_m, [robot.start_m for robot in robots])
     return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates)

@@ -56,7 +56,7 @@ def make_parser() -> CommandParser:
 
 
 @dataclass
-class Verdict:
+class ReplayResult:
     """What came of one log."""
 
     path: Path
@@ -78,44 +78,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = load_bundle(flags.policy) if flags.policy else None
     if flags.picture:
         _check_picture(flags)
-    verdicts = [_replay(path, asked, instead) for path in flags.logs]
-    for verdict in verdicts:
-        print(_text(verdict, flags))
+    results = [_replay(path, asked, instead) for path in flags.logs]
+    for result in results:
+        print(_text(result, flags))
         if flags.picture:
-            _draw(verdict, flags)
-    return 1 if any(verdict.differing or verdict.damage for verdict in verdicts) else 0
+            _draw(result, flags)
+    return 1 if any(result.differing or result.damage for result in results) else 0
 
 
-def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None) -> Verdict:
-    verdict, replay = Verdict(path), None
+def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None) -> ReplayResult:
+    result, replay = ReplayResult(path), None
     for record in _with_progress(read_log(path), path):
         if isinstance(record, Start):
-            verdict.start = record
+            result.start = record
             bundle = asked or _recorded_bundle(record, path)
             replay = Replay(record, bundle, recorded_policy(record, bundle))
             if instead is not None or bundle.sha256 != record.bundle.sha256:
-                verdict.answer = Answer(record)
+                result.answer = Answer(record)
             if instead is not None:
                 replay.follow(instead)
         elif isinstance(record, LoggedObjectiveSet) and replay is not None and instead is None:
             replay.follow(recorded_objectives(record, path))
         elif isinstance(record, Tick) and replay is not None:
-            _judge(verdict, record, replay)
+            _judge(result, record, replay)
         elif isinstance(record, Damage):
-            verdict.damage = record.message
-    if not verdict.ticks:
-        raise ConfigError(f"{path}: holds no tick{f': {verdict.damage}' if verdict.damage else ''}")
-    return verdict
+            result.damage = record.message
+    if not result.ticks:
+        raise ConfigError(f"{path}: holds no tick{f': {result.damage}' if result.damage else ''}")
+    return result
 
 
-def _judge(verdict: Verdict, tick: Tick, replay: Replay) -> None:
-    verdict.ticks += 1
-    if verdict.answer is not None:
-        verdict.answer.take(tick, replay)
+def _judge(result: ReplayResult, tick: Tick, replay: Replay) -> None:
+    result.ticks += 1
+    if result.answer is not None:
+        result.answer.take(tick, replay)
         return
     found = list(replay.differences(tick))
-    verdict.differing += bool(found)
-    verdict.differences += found[: SHOWN - len(verdict.differences)]
+    result.differing += bool(found)
+    result.differences += found[: SHOWN - len(result.differences)]
 
 
 def _recorded_bundle(start: Start, path: Path) -> Bundle:
@@ -149,40 +149,40 @@ def _check_picture(flags: argparse.Namespace) -> None:
         raise ConfigError(f"-o {flags.picture}: cannot be written ({error.strerror})") from error
 
 
-def _draw(verdict: Verdict, flags: argparse.Namespace) -> None:
+def _draw(result: ReplayResult, flags: argparse.Namespace) -> None:
     from edge_runtime.tools.replay.picture import draw  # noqa: PLC0415  # matplotlib is a workstation's
 
-    if verdict.answer is None:
+    if result.answer is None:
         raise ConfigError(
             f"-o {flags.picture}: {flags.policy} is the policy that the log was made with: nothing to compare"
         )
-    draw(verdict.answer, _question(flags), flags.picture)
+    draw(result.answer, _question(flags), flags.picture)
 
 
 def _question(flags: argparse.Namespace) -> str:
     return " and ".join(str(path) for path in (flags.objectives, flags.policy) if path)
 
 
-def _text(verdict: Verdict, flags: argparse.Namespace) -> str:
-    start = verdict.start
+def _text(result: ReplayResult, flags: argparse.Namespace) -> str:
+    start = result.start
     lines = []
     if start is not None:
         engine = f", {start.settings.engine}" if start.settings.engine else ""
         lines += [
-            f"{verdict.path}: robot {start.robot_id}, policy {start.bundle.name} "
-            f"({start.settings.backend}{engine}), {verdict.ticks} ticks"
+            f"{result.path}: robot {start.robot_id}, policy {start.bundle.name} "
+            f"({start.settings.backend}{engine}), {result.ticks} ticks"
         ]
-    if verdict.answer is not None:
-        lines += _answer_lines(verdict.answer, _question(flags))
-    elif not verdict.differing:
-        lines += [f"  identical   {verdict.ticks} ticks, bit for bit: observation, action, command"]
+    if result.answer is not None:
+        lines += _answer_lines(result.answer, _question(flags))
+    elif not result.differing:
+        lines += [f"  identical   {result.ticks} ticks, bit for bit: observation, action, command"]
     else:
-        lines += [f"  differs     {verdict.differing} of {verdict.ticks} ticks"]
-        lines += [f"              {difference}" for difference in verdict.differences]
+        lines += [f"  differs     {result.differing} of {result.ticks} ticks"]
+        lines += [f"              {difference}" for difference in result.differences]
         if start is not None:
             lines += [f"  made on     {start.machine.processor}, numpy {start.versions.numpy}"]
-    if verdict.damage:
-        lines += [f"  damaged     {verdict.damage}; what comes later is not judged"]
+    if result.damage:
+        lines += [f"  damaged     {result.damage}; what comes later is not judged"]
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.config.objectives import make_objective_set
-from edge_runtime.control.limits import CommandLimits, limited
+from edge_runtime.control.limits import RobotLimits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
@@ -136,9 +136,9 @@ def _objective(logged: LoggedObjective, path: Path) -> Objective:
     return objective
 
 
-def _limits(start: Start, bundle: Bundle) -> CommandLimits:
+def _limits(start: Start, bundle: Bundle) -> RobotLimits:
     settings, (x, y) = start.settings, bundle.manifest.action
-    return CommandLimits(
+    return RobotLimits(
         low=(x.low, y.low),
         high=(x.high, y.high),
         preview=bundle.manifest.dynamics.at_period(1.0 / settings.rate_hz).preview(1),

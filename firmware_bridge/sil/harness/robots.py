@@ -1,11 +1,9 @@
 """How the harness starts each robot: the very command that a user would type."""
 
-import importlib
 from pathlib import Path
 
 from edge_runtime.common.key_file import read_key
-from edge_runtime.run.edge_run import BRIDGES
-from edge_runtime.run.flags import make_mission, make_parser
+from edge_runtime.run.flags import make_mission, read_flags
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.sil.scenario.ports import HOST
@@ -53,10 +51,7 @@ def check_robot(scenario: Scenario, station: Station) -> None:
     Raises:
         EdgeError: what edge-run would complain of.
     """
-    link = importlib.import_module(BRIDGES[scenario.request.bridge])
-    parser = make_parser(tuple(BRIDGES))
-    link.add_arguments(parser)
-    flags = parser.parse_args(robot_arguments(scenario, station))
+    flags, link = read_flags(robot_arguments(scenario, station))
     mission = make_mission(flags)
     link.make_spec(station.robot_id, mission.bundle.manifest, link.options_from(flags), mission.rate_hz)
     if scenario.fleet.carrier is not None:

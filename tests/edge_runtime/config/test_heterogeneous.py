@@ -45,7 +45,7 @@ def mission_of(tmp_path):
 
     def make(robot_id, *more):
         flags = ["--robot-id", str(robot_id), "--fleet", str(tmp_path / "fleet.toml"), *more]
-        return make_mission(make_parser(["sim"]).parse_args(flags))
+        return make_mission(make_parser().parse_args(flags))
 
     return make
 
@@ -56,23 +56,23 @@ def test_each_robot_runs_its_own_policy(mission_of, tmp_path):
     assert mission_of(1, "--policy", str(tmp_path / "straight")).bundle.directory == tmp_path / "straight"
 
 
-def test_its_own_dynamics_reach_preview_and_plan(mission_of):
+def test_its_own_dynamics_reach_preview_and_guide(mission_of):
     mission, unchanged = mission_of(1), mission_of(0)
     dynamics = mission.bundle.manifest.dynamics
     assert (dynamics.mass_kg, dynamics.drag) == (2.5, 0.5)
     assert unchanged.bundle.manifest.dynamics.mass_kg != 2.5
-    controller = mission.controllers()[1]
+    controller = mission.controller(1)
     expected = dynamics.at_period(mission.period_s).preview(1)
     assert controller.limits.preview == expected
     assert controller.limits.preview.velocity_gain == pytest.approx(mission.period_s / 2.5)
 
 
 def test_its_own_limits_are_kept(mission_of):
-    limits = mission_of(1).controllers(max_speed_m_s=1.0)[1].limits
+    limits = mission_of(1).controller(1, max_speed_m_s=1.0).limits
     assert limits.max_speed_m_s == 0.4
     assert limits.max_step == pytest.approx(0.5 * mission_of(1).period_s)
-    assert mission_of(1).controllers(max_speed_m_s=0.1)[1].limits.max_speed_m_s == 0.1
-    limits = mission_of(0).controllers(max_speed_m_s=1.0)[0].limits
+    assert mission_of(1).controller(1, max_speed_m_s=0.1).limits.max_speed_m_s == 0.1
+    limits = mission_of(0).controller(0, max_speed_m_s=1.0).limits
     assert (limits.max_speed_m_s, limits.max_step) == (1.0, pytest.approx(5.0 * mission_of(0).period_s))
 
 
@@ -80,7 +80,7 @@ def test_the_fleet_files_limit_bounds_the_policys_and_never_widens_it(mission_of
     own = packaged_bundle("navigation").manifest.action
     bounded = mission_of(1)
     assert [(field.low, field.high) for field in bounded.bundle.manifest.action] == [(-0.25, 0.25)] * 2
-    limits = bounded.controllers()[1].limits
+    limits = bounded.controller(1).limits
     assert (limits.low, limits.high) == ((-0.25, -0.25), (0.25, 0.25))
     straight = mission_of(0).bundle.manifest.action
     assert all(field.high < 100.0 for field in straight)

@@ -18,7 +18,7 @@ def first_actions(seed, start_noise, robot_id=0):
     asked = ObjectiveSet((), GuidanceSettings(start_noise=start_noise))
     bundle = Bundle(MANIFEST, random_weights(), Path())
     mission = Mission(0, load_fleet(DEFAULT_FLEET), bundle, asked, 10.0, seed)
-    controller = mission.controllers()[robot_id]
+    controller = mission.controller(robot_id)
     return [controller.decide(TEAM, 1.0).action for _ in range(3)]
 
 
@@ -42,7 +42,7 @@ def test_robots_draw_their_own_noise():
 def test_the_newest_command_is_kept():
     bundle = Bundle(MANIFEST, random_weights(), Path())
     fleet = load_fleet(DEFAULT_FLEET)
-    controller = Mission(0, fleet, bundle, fleet.objective_set, 10.0).controllers()[0]
+    controller = Mission(0, fleet, bundle, fleet.objective_set, 10.0).controller(0)
     command = controller.decide(TEAM, 1.0)
     assert controller.command is command
     assert controller.decide(TEAM, 1.0).sequence == command.sequence + 1
@@ -53,7 +53,7 @@ def test_a_rehearsal_leaves_no_trace():
     bundle = Bundle(MANIFEST, random_weights(), Path())
 
     def actions(rehearsals):
-        controller = Mission(0, load_fleet(DEFAULT_FLEET), bundle, asked, 10.0).controllers()[0]
+        controller = Mission(0, load_fleet(DEFAULT_FLEET), bundle, asked, 10.0).controller(0)
         for _ in range(rehearsals):
             controller.rehearse()
         return [controller.decide(TEAM, 1.0).action for _ in range(2)]

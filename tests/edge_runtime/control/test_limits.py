@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from edge_runtime.control.limits import CommandLimits, first_command, limited
+from edge_runtime.control.limits import RobotLimits, first_command, limited
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 
-LIMITS = CommandLimits(
+LIMITS = RobotLimits(
     low=(-1.0, -0.5),
     high=(1.0, 2.0),
     preview=MANIFEST.dynamics.preview(1),

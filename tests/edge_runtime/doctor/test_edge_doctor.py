@@ -11,7 +11,7 @@ from can_peers import Chassis, multicast_address
 
 from edge_runtime.doctor import edge_doctor as doctor
 from edge_runtime.doctor.finding import fail, ok, warn
-from edge_runtime.run.edge_run import BRIDGES
+from edge_runtime.run.bridges import BRIDGES
 
 ALONE = "[[robots]]\nid = 0\nstart_m = [0.0, 0.0]\ngoal_m = [3.0, 1.0]\n"
 

@@ -29,7 +29,8 @@ from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.recording.schema import End, Event, LoggedObjectiveSet, Start
 from edge_runtime.recording.wire import LogPlan
-from edge_runtime.run.edge_run import STAGES, main
+from edge_runtime.run.edge_run import main
+from edge_runtime.run.loop import STAGES
 from edge_runtime.tools.replay.edge_replay import main as replay
 
 LOSS_S = 1.0
@@ -173,7 +174,7 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     """Each tick names the set that it followed, and is replayed with it."""
     fleet = load_fleet(DEFAULT_FLEET)
     mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 100.0)
-    controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
+    controller, grid, timing = mission.controller(0), DeadlineGrid(0.01), TimingRecord(STAGES)
     slower = replace(fleet.objective_set, objectives=(SpeedLimit(limit_m_s=0.05),))
     guides = [controller.guide, replace(make_guide(slower, mission.bundle.manifest.dynamics), version=7)]
     with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)) as recorder:
@@ -205,7 +206,7 @@ def test_ticks_that_a_dead_logger_never_read_are_lost(tmp_path):
     """Those in the ring and those that had no room there."""
     fleet = load_fleet(DEFAULT_FLEET)
     mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 100.0)
-    controller, grid, timing = mission.controllers()[0], DeadlineGrid(0.01), TimingRecord(STAGES)
+    controller, grid, timing = mission.controller(0), DeadlineGrid(0.01), TimingRecord(STAGES)
     team = TeamState(RobotState(0, time.monotonic(), (0.0, 0.0), (0.2, 0.1)))
     observation = controller.observe(team)
     guided = controller.act(observation, team)

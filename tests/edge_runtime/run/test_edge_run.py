@@ -17,8 +17,11 @@ from networks import ENGINES
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError, PolicyError
 from edge_runtime.messages import RobotState
+from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.run import edge_run as run
+from edge_runtime.run import loop
+from edge_runtime.run.bridges import BRIDGES, BridgeModules
 from firmware_bridge.simulation import bridge as sim
 
 NEAR_FLEET = """
@@ -238,7 +241,7 @@ def drive(bundle, monkeypatch, tmp_path):
         now[0] += seconds
 
     # Time that passes only by sleeping: no tick is ever missed, whatever the machine does meanwhile.
-    monkeypatch.setattr(run, "DeadlineGrid", lambda period, **_: DeadlineGrid(period, lambda: now[0], sleep))
+    monkeypatch.setattr(loop, "DeadlineGrid", lambda period, **_: DeadlineGrid(period, lambda: now[0], sleep))
 
     def run_script(script, *flags, shut=False):
         bridge = ScriptedBridge(script, shut)
@@ -248,7 +251,7 @@ def drive(bundle, monkeypatch, tmp_path):
             open_bridge=lambda *_: bridge,
         )
         monkeypatch.setitem(sys.modules, "scripted_bridge", module)
-        monkeypatch.setitem(run.BRIDGES, "sim", "scripted_bridge")
+        monkeypatch.setitem(BRIDGES, "sim", BridgeModules("scripted_bridge", simulated=True))
         duration = f"{len(script) / 100:.2f}"
         flags = ["--rate", "100", "--duration", duration, "--json", str(tmp_path / "run.json"), *flags]
         code = run.main(["--robot-id", "0", "--policy", str(bundle), *flags])
@@ -293,6 +296,15 @@ def test_a_non_finite_gradient_commands_zero(drive, tmp_path):
     code, bridge, path = drive([state(), state()], "--objectives", str(tmp_path / "broken.toml"))
     assert (code, actions(bridge)) == (0, [(0.0, 0.0)] * 2)
     assert report_of(path)["faults"] == {"the gradient of Broken is not finite": 2}
+
+
+def test_a_simulated_team_prepares_its_policy_once(bundle, tmp_path, monkeypatch):
+    prepared, field = [], Bundle.field
+    monkeypatch.setattr(Bundle, "field", lambda *asked: prepared.append(asked) or field(*asked))
+    (tmp_path / "fleet.toml").write_text(NEAR_FLEET)
+    flags = ["--fleet", str(tmp_path / "fleet.toml"), "--rate", "100", "--duration", "0.05", "--no-log"]
+    assert run.main(["--robot-id", "0", "--policy", str(bundle), *flags]) == 0
+    assert len(prepared) == 1
 
 
 def test_the_end_of_a_run_stops_the_robot(drive):

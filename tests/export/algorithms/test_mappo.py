@@ -104,7 +104,7 @@ def test_robots_compute_the_mean_in_one_euler_step_from_zero(algorithm, bundle):
 def test_a_robot_starts_from_zero_whatever_noise_the_fleet_asks_for(algorithm, bundle):
     fleet = load_fleet(DEFAULT_FLEET)
     assert fleet.objective_set.guidance.start_noise == GuidanceSettings().start_noise == 1.0
-    controller = Mission(0, fleet, bundle, fleet.objective_set, 10.0, guided=False).controllers()[0]
+    controller = Mission(0, fleet, bundle, fleet.objective_set, 10.0, guided=False).controller(0)
     team = TeamState(RobotState(0, 0.0, (0.1, 0.2), (0.0, 0.1)))
     observation = controller.observe(team)
     with torch.no_grad():

@@ -66,7 +66,7 @@ def test_every_robot_drives_as_if_it_were_the_one_at_the_link():
     for robot_id in (0, 2):
         run = mission(robot_id=robot_id)
         with open_bridge(run) as bridge:
-            drive(bridge, run.controllers()[robot_id], 40)
+            drive(bridge, run.controller(robot_id), 40)
             runs.append(bridge.plant.position_m)
     np.testing.assert_allclose(runs[0], runs[1], atol=1e-12)
 
@@ -74,7 +74,7 @@ def test_every_robot_drives_as_if_it_were_the_one_at_the_link():
 def test_teammates_tell_the_action_that_moved_them():
     run = mission(guided=False)
     with open_bridge(run) as bridge:
-        first, second = drive(bridge, run.controllers()[0], 2)
+        first, second = drive(bridge, run.controller(0), 2)
     assert all(mate.intended_action == (0.0, 0.0) for mate in first.teammates)
     for mate in second.teammates:
         moved = (0.1 * mate.intended_action[0], 0.1 * mate.intended_action[1])
@@ -86,7 +86,7 @@ def test_teammates_tell_the_action_that_moved_them():
 def test_the_guided_team_reaches_its_goals_apart(rate_hz):
     run = mission(rate_hz)
     with open_bridge(run) as bridge:
-        teams = drive(bridge, run.controllers()[0], int(14 * rate_hz))
+        teams = drive(bridge, run.controller(0), int(14 * rate_hz))
     goals = [robot.goal_m for robot in run.fleet.robots]
     assert np.linalg.norm(bridge.plant.position_m - goals, axis=-1).max() < 0.1
     for team in teams:

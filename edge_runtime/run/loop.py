@@ -1,0 +1,157 @@
+"""One robot's control loop: a tick is read, observe, act, limit, write, in the order of the data."""
+
+import contextlib
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from edge_runtime.common.realtime import EarlyWake, freeze_garbage
+from edge_runtime.common.signals import StopSignals
+from edge_runtime.control.bridge import Bridge
+from edge_runtime.control.controller import Controller
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.monitor import Monitor
+from edge_runtime.control.rate import DeadlineGrid, TimingRecord
+from edge_runtime.errors import EdgeError
+from edge_runtime.recording.recorder import Recorder
+from edge_runtime.run.console import LiveLine
+from edge_runtime.run.run_report import RunReport, make_report
+from edge_runtime.team.membership import TeamLink
+from edge_runtime.telemetry.status_sender import Watch, open_watch
+
+STAGES: Final = ("read", "observe", "act", "limit", "write")
+ACTION_SHARE: Final = 0.8
+"""Share of the period by whose end the action must be sampled; the rest is for the command's way out."""
+HOLD_S: Final = 1.0
+"""The run ends when all robots have been at their goals for this long."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What the loop works with."""
+
+    controller: Controller
+    grid: DeadlineGrid
+    timing: TimingRecord
+    monitor: Monitor
+    watch: Watch
+    recorder: Recorder | None
+    dry_run: bool
+
+
+def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[], str]) -> str:
+    """Run the control loop until ``ending`` gives a reason, and return it."""
+    controller, grid, timing, monitor = session.controller, session.grid, session.timing, session.monitor
+    while not (reason := ending()):
+        deadline_s = grid.wait()
+        timing.begin(deadline_s)
+        own = fleet.locate(bridge.read())
+        if own is None:
+            monitor.no_state()
+            continue
+        team = fleet.team(own)
+        if guide := fleet.new_guide():
+            controller.guide = guide
+            session.watch.adopt(guide)
+            monitor.judge_anew(own.stamp_s)
+        timing.lap()
+        observation = controller.observe(team)
+        timing.lap()
+        guided = controller.act(observation, team, deadline_s + ACTION_SHARE * grid.period_s)
+        timing.lap()
+        command = controller.limit(guided, team, time.monotonic())
+        timing.lap()
+        if not session.dry_run:
+            bridge.write(fleet.for_base(command))
+        timing.lap()
+        timing.end()
+        fleet.share(own, command)
+        monitor.follow(team, guided, command)
+        session.watch.follow(team, guided, command)
+        if session.recorder:
+            session.recorder.follow(deadline_s, team, observation, guided, command)
+    return reason
+
+
+def run(
+    mission: Mission,
+    controller: Controller,
+    bridge: Bridge,
+    fleet: TeamLink,
+    signals: StopSignals,
+    duration_s: float,
+    *,
+    dry_run: bool,
+    early_wake_s: float = 0.0,
+    stay: bool = False,
+    recorder: Recorder | None = None,
+) -> RunReport:
+    """Drive the robot until goals are held, time is up, a signal or an operator ends it, or something fails.
+
+    Args:
+        mission: what the run is about.
+        controller: of the mission's robot.
+        bridge: to the robot; opened already.
+        fleet: the robot's team; joined already.
+        signals: end the run.
+        duration_s: longest run.
+        dry_run: command nothing.
+        early_wake_s: how long before each deadline a tick is computed to throw away; 0 for none.
+        stay: goals that are held do not end the run.
+        recorder: keeps the run's log; nobody does where None.
+
+    Returns:
+        What the run came to; ``failed`` where the link, the policy or the team ended it.
+    """
+    session = _prepare(mission, controller, bridge, early_wake_s, recorder, dry_run=dry_run)
+    monitor, grid = session.monitor, session.grid
+
+    def over() -> str:
+        duration = "duration" if grid.next_s >= duration_s else ""
+        reason = signals.reason or fleet.stop_reason
+        return reason or ("goals held" if monitor.all_hold and not stay else duration)
+
+    freeze_garbage()
+    failure = ""
+    try:
+        with contextlib.closing(session.watch), LiveLine(sys.stdout, mission.robot_id, monitor, grid):
+            reason = drive(session, bridge, fleet, over)
+            bridge.stop(reason)
+    except EdgeError as error:
+        reason = failure = str(error)
+    return make_report(
+        replace(mission, objective_set=controller.guide.asked),
+        monitor,
+        grid,
+        session.timing,
+        reason,
+        bridge=bridge.name,
+        backend=controller.policy.backend,
+        dry_run=dry_run,
+        failed=bool(failure),
+        fleet=fleet.report(),
+        log=recorder.end(reason, failed=bool(failure)) if recorder else None,
+    )
+
+
+def _prepare(
+    mission: Mission,
+    controller: Controller,
+    bridge: Bridge,
+    early_wake_s: float,
+    recorder: Recorder | None,
+    *,
+    dry_run: bool,
+) -> Session:
+    hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
+    sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
+    grid = DeadlineGrid(mission.period_s, sleep=sleep)
+    monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
+    timing = TimingRecord(STAGES)
+    if recorder:
+        recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
+    watch = open_watch(mission, monitor, grid, timing)
+    return Session(controller, grid, timing, monitor, watch, recorder, dry_run)
