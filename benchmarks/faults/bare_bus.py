@@ -14,7 +14,7 @@ from edge_runtime.common.realtime import enter_realtime
 from firmware_bridge.can.bus import CanBus
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.mavlink.codec import Encoder
+from firmware_bridge.mavlink.encoder import Encoder
 from firmware_bridge.mavlink.messages import Target
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import BODY_NED, VELOCITY_AND_YAW_RATE

@@ -42,9 +42,7 @@ def check_firmware_timeout(link: Link, allow_unsafe: bool) -> None:
     """
     fault = firmware_timeout_fault(link.firmware_timeout_s)
     if fault and not allow_unsafe:
-        raise ConfigError(
-            f"{fault}: set it in the firmware and the profile, or pass --allow-unsafe-firmware-timeout"
-        )
+        raise ConfigError(f"{fault}: set it as edge-doctor says, or pass --allow-unsafe-firmware-timeout")
 
 
 def firmware_timeout_fault(timeout_s: float | None) -> str:

@@ -66,8 +66,11 @@ class Link(Protocol):
     Any method may raise BridgeError: the guard then stops the robot for good and reports the message.
     """
 
-    firmware_timeout_s: float | None
-    """Silence after which the firmware stops by itself, known after ``open``; None: unknown, 0: off."""
+    @property
+    def firmware_timeout_s(self) -> float | None:
+        """Silence after which the firmware stops by itself, known after ``open``; None: unknown, 0: off."""
+        ...
+
     keepalive_period_s: float
     """Period of ``keepalive``; infinite where the protocol has no heartbeat of ours."""
     recoveries: int
@@ -83,7 +86,7 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Release the transport; sends nothing."""
+        """Release the transport; sends nothing that moves the robot or changes its mode."""
         ...
 
     def filenos(self) -> tuple[int, ...]:

@@ -15,6 +15,11 @@ class Clock:
     def __init__(self) -> None:
         self._exchanges: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
 
+    @property
+    def synchronised(self) -> bool:
+        """Whether an answer has come."""
+        return bool(self._exchanges)
+
     def request(self, now_s: float) -> TimeSync:
         """Return the request to send now."""
         return TimeSync(0, round(now_s * 1e9))

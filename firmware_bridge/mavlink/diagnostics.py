@@ -1,4 +1,4 @@
-"""Checks of an autopilot before a run: what it says of itself. No heartbeat, setpoint or command is sent."""
+"""Checks of an autopilot before a run: what it says of itself. No heartbeat, setpoint or interval is sent."""
 
 import select
 import time
@@ -15,23 +15,35 @@ from edge_runtime.errors import EdgeError
 from firmware_bridge.guard.diagnostics import firmware_timeout
 from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
 from firmware_bridge.mavlink.channel import Channel
-from firmware_bridge.mavlink.clock import Clock
-from firmware_bridge.mavlink.codec import Tally
-from firmware_bridge.mavlink.messages import Heartbeat, Parameter, ParameterRequest
+from firmware_bridge.mavlink.engagement import LISTENING_S
+from firmware_bridge.mavlink.facts import Facts
+from firmware_bridge.mavlink.messages import Command, Heartbeat
+from firmware_bridge.mavlink.opening import deafness, silence
 from firmware_bridge.mavlink.options import MavlinkOptions
-from firmware_bridge.mavlink.profiles import Mode, Profile, find_profile
+from firmware_bridge.mavlink.profiles import AUTOPILOTS, COPTERS, ROVERS, Mode, Profile, find_profile
+from firmware_bridge.mavlink.readiness import GROUNDED, rivalry
+from firmware_bridge.mavlink.streams import (
+    ATTITUDE,
+    EXTENDED_SYS_STATE,
+    GPS_RAW_INT,
+    LOCAL_POSITION_NED,
+    fastest_us,
+    longest_pose_s,
+)
 
 LISTEN_S = 5.0
-"""Heartbeats come every second; a bad radio needs a few, and as long for the answer about a parameter."""
+"""Heartbeats come every second; a bad radio needs a few, and as long for the answers."""
 ASK_AGAIN_S = 0.4
+_REQUEST_MESSAGE = 512
 
 
-class Heard(msgspec.Struct, frozen=True):
+class Heard:
     """What an autopilot said within a bounded time."""
 
-    heartbeat: Heartbeat | None
-    firmware_timeout_s: float | None
-    tally: Tally
+    def __init__(self, channel: Channel, facts: Facts) -> None:
+        self.channel = channel
+        self.facts = facts
+        self.now_s = 0.0
 
 
 def examine_link(mission: Mission, options: MavlinkFlags) -> Iterator[Finding]:
@@ -52,21 +64,22 @@ def _findings(flags: MavlinkFlags, options: MavlinkOptions) -> Iterator[Finding]
     yield key
     if key.verdict is Verdict.FAIL:
         return
-    profile = find_profile(options.autopilot)
     try:
-        heard = listen(options, profile)
+        heard = listen(options)
     except (EdgeError, OSError) as error:
         yield Finding(Verdict.FAIL, str(error), name="autopilot")
         return
     yield examine("autopilot", partial(autopilot, heard, options))
-    if heard.heartbeat is not None:
-        yield examine("mode", partial(mode, heard.heartbeat, profile))
-        source = f"as the autopilot answers for {profile.timeout_parameter}"
-        unsafe = flags.guard.allow_unsafe_firmware_timeout
-        yield examine(
-            "firmware timeout",
-            lambda: firmware_timeout(heard.firmware_timeout_s, source, allow_unsafe=unsafe),
-        )
+    heartbeat = heard.facts.vehicle.heartbeat
+    if heartbeat is None:
+        return
+    profile = find_profile(options.autopilot)
+    yield examine("vehicle", partial(vehicle, heard))
+    yield examine("answers", partial(answers, heard, options))
+    yield examine("mode", partial(mode, heartbeat, profile))
+    yield examine("firmware timeout", partial(timeout, heard, flags, profile))
+    yield examine("pose", partial(pose, heard, options))
+    yield examine("estimator", partial(estimator, heard))
 
 
 def signing(flags: MavlinkFlags) -> Finding:
@@ -86,57 +99,76 @@ def signing(flags: MavlinkFlags) -> Finding:
     return warn("off: whoever reaches this network can command the robot", remedy)
 
 
-def listen(options: MavlinkOptions, profile: Profile, longest_s: float = LISTEN_S) -> Heard:
-    """Wait for a heartbeat, and for the answer to the question what the firmware's timeout is.
+def listen(options: MavlinkOptions, longest_s: float = LISTEN_S) -> Heard:
+    """Wait for a heartbeat and for the answers to what a run must know.
 
-    Asks for one parameter and for the time, which changes nothing; an autopilot behind ``udpout`` learns
-    from that where to send.
+    Asks for parameters, for the time and for single messages, which changes nothing; an autopilot behind
+    ``udpout`` learns from that where to send.
 
     Raises:
         EdgeError: if key or port cannot be used, or the port is lost.
     """
     channel = Channel(options)
+    heard = Heard(channel, Facts(find_profile(options.autopilot), options, 0, 0.0))
     channel.open()
     try:
-        return _converse(channel, profile.timeout_parameter, longest_s)
+        _converse(heard, find_profile(options.autopilot), longest_s)
     finally:
         channel.close()
+    return heard
 
 
-def _converse(channel: Channel, parameter: str, longest_s: float) -> Heard:
-    heartbeat: Heartbeat | None = None
-    timeout_s: float | None = None
-    now_s = ask_s = time.monotonic()
-    end_s = now_s + longest_s
-    while (heartbeat is None or timeout_s is None) and now_s < end_s:
-        if now_s >= ask_s:
-            channel.send(Clock().request(now_s), now_s)
-            channel.send(ParameterRequest(parameter), now_s)
-            ask_s = now_s + ASK_AGAIN_S
-        select.select(channel.filenos(), (), (), max(min(ask_s, end_s) - now_s, 0.0))
+def _converse(heard: Heard, profile: Profile, longest_s: float) -> None:
+    channel, told = heard.channel, heard.facts
+    wanted = (ATTITUDE, LOCAL_POSITION_NED, profile.estimator_message, GPS_RAW_INT, EXTENDED_SYS_STATE)
+    heard.now_s = begin_s = ask_s = time.monotonic()
+    end_s = begin_s + longest_s
+    while heard.now_s < end_s and not (_complete(told) and heard.now_s - begin_s >= LISTENING_S):
+        if heard.now_s >= ask_s:
+            requests = [Command(_REQUEST_MESSAGE, (float(message),)) for message in wanted]
+            for question in (*told.questions(heard.now_s), *requests):
+                channel.send(question, heard.now_s)
+            ask_s = heard.now_s + ASK_AGAIN_S
+        select.select(channel.filenos(), (), (), max(min(ask_s, end_s) - heard.now_s, 0.0))
+        heard.now_s = time.monotonic()
         for content in channel.receive():
-            match content:
-                case Heartbeat():
-                    heartbeat = content
-                case Parameter(name=name, value=value) if name == parameter:
-                    timeout_s = max(value, 0.0)
-                case _:
-                    pass
-        now_s = time.monotonic()
-    return Heard(heartbeat, timeout_s, channel.tally)
+            told.take(content, heard.now_s)
+
+
+def _complete(told: Facts) -> bool:
+    known = told.vehicle.heartbeat is not None and told.explained and told.estimate.state is not None
+    return known and told.soundness.told
 
 
 def autopilot(heard: Heard, options: MavlinkOptions) -> Finding:
-    """Whether the autopilot is there, and what else came in its place."""
-    tally = heard.tally
+    """Whether the autopilot is there, alone, and what else came in its place."""
+    channel, tally = heard.channel, heard.channel.tally
+    if heard.facts.vehicle.heartbeat is None:
+        return fail(silence(channel, options, LISTEN_S))
+    if two := rivalry(channel):
+        return fail(two)
     refused = ", ".join(f"{count} {why.name.lower()}" for why, count in tally.refused.items() if count)
     counts = f"{tally.accepted} frames taken, {tally.damaged} damaged, {refused or 'none'} refused by signing"
-    if heard.heartbeat is not None:
-        return ok(f"heartbeat of system {options.system_id} on {options.address} ({counts})")
-    return fail(
-        f"no heartbeat of system {options.system_id} on {options.address} within {LISTEN_S:g} s ({counts})",
-        "check power, wiring, port, --mavlink-system, MAVLink 2 and the signing key",
-    )
+    found = f"heartbeat of system {options.system_id} on {options.address} ({counts})"
+    if channel.impostors:
+        return warn(found, f"{channel.impostors} heartbeats under its number come from what says it is none")
+    return ok(found)
+
+
+def vehicle(heard: Heard) -> Finding:
+    """Whether it is the kind of vehicle that the profile's modes belong to, and flies if it is a copter."""
+    found, beat = heard.facts.vehicle, heard.facts.vehicle.heartbeat
+    if found.misfit or beat is None:
+        return fail(found.misfit)
+    name = f"{AUTOPILOTS[beat.autopilot]}, {({**ROVERS, **COPTERS})[beat.kind]}"
+    return warn(name, GROUNDED) if found.grounded else ok(name)
+
+
+def answers(heard: Heard, options: MavlinkOptions) -> Finding:
+    """Whether the autopilot hears and answers what it is asked."""
+    if heard.facts.clock.synchronised:
+        return ok("it answers what it is asked")
+    return fail(deafness(options))
 
 
 def mode(heartbeat: Heartbeat, profile: Profile) -> Finding:
@@ -149,3 +181,38 @@ def mode(heartbeat: Heartbeat, profile: Profile) -> Finding:
     if heartbeat.armed:
         return warn(f"{name}, armed", "it may move: disarm it, or keep clear")
     return ok(f"{name}, disarmed")
+
+
+def timeout(heard: Heard, flags: MavlinkFlags, profile: Profile) -> Finding:
+    """Whether the autopilot stops by itself soon enough."""
+    name = profile.timeout_parameter
+    fixed = profile.fixed_timeout_s is not None and not heard.facts.answered(name)
+    source = f"fixed in the firmware, it has no {name}" if fixed else f"as the autopilot answers for {name}"
+    remedy = "install guided_timeout.lua on the autopilot" if fixed else f"set {name}"
+    unsafe = flags.guard.allow_unsafe_firmware_timeout
+    return firmware_timeout(heard.facts.timeout_s, source, allow_unsafe=unsafe, remedy=remedy)
+
+
+def pose(heard: Heard, options: MavlinkOptions) -> Finding:
+    """Whether a position comes, and whether it can come often enough for the control rate."""
+    told, period_s = heard.facts, options.dynamics.dt_s
+    if told.estimate.state is None:
+        return fail("no position", "wait for the estimator, or set its origin; a run would never move")
+    needed = f"--rate {1.0 / period_s:g} needs one every {1e3 * longest_pose_s(period_s):.0f} ms"
+    if told.loop_rate_hz is None:
+        return ok(f"it sends its position when asked; {needed}")
+    fastest_ms = 1e-3 * fastest_us(told.loop_rate_hz)
+    granted = f"at SCHED_LOOP_RATE {told.loop_rate_hz:g} a position comes every {fastest_ms:g} ms at best"
+    if 1e-3 * fastest_ms > longest_pose_s(period_s):
+        return fail(f"{granted}, {needed}", "lower --rate or raise SCHED_LOOP_RATE")
+    return ok(f"{granted}, {needed}")
+
+
+def estimator(heard: Heard) -> Finding:
+    """Whether the position may be driven by."""
+    sound = heard.facts.soundness
+    if fault := sound.fault(heard.now_s):
+        return fail(fault)
+    if not sound.told:
+        return warn("it does not tell how sound its position is", "watch the robot: nothing else will notice")
+    return ok("it vouches for its position")

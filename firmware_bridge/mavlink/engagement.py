@@ -7,10 +7,13 @@ from firmware_bridge.guard.link import Steps
 from firmware_bridge.mavlink.channel import Channel
 from firmware_bridge.mavlink.messages import Command, CommandResult, Content, Outgoing, StatusText
 from firmware_bridge.mavlink.profiles import Mode, Profile
+from firmware_bridge.mavlink.readiness import Readiness
 from firmware_bridge.mavlink.setpoint import Follower
 from firmware_bridge.mavlink.vehicle import Vehicle
 
 ENABLING_S = 15.0
+LISTENING_S = 1.2
+"""Longer than a vehicle's heartbeats are apart: whoever else has this system id has spoken by then."""
 STOPPING_S = 3.0
 STEP_S = 0.1
 ASK_AGAIN_S = 1.0
@@ -30,6 +33,7 @@ class Engagement:
         channel: where requests go out.
         vehicle: what heartbeats prove.
         follower: knows the setpoint that holds still.
+        ready: judges whether it may be driven.
         clock: monotonic time in seconds.
     """
 
@@ -39,6 +43,7 @@ class Engagement:
         channel: Channel,
         vehicle: Vehicle,
         follower: Follower,
+        ready: Readiness,
         clock: Callable[[], float],
     ) -> None:
         self._profile = profile
@@ -46,6 +51,7 @@ class Engagement:
         self._vehicle = vehicle
         self._follower = follower
         self._now = clock
+        self._ready = ready
         self._explanation = ""
 
     def listen(self, content: Content) -> None:
@@ -56,22 +62,27 @@ class Engagement:
             case CommandResult(command=command, result=result) if result not in _ACCEPTED_OR_IN_PROGRESS:
                 self._explanation = self._explanation or f"MAV_RESULT {result} to command {command}"
 
-    def enable(self, has_position: Callable[[], bool]) -> Steps:
-        """Take command, then arm.
+    def enable(self) -> Steps:
+        """Wait for a sound position, take command, then arm; a copter on the ground is not taken.
 
         Raises:
-            BridgeError: if a heartbeat does not confirm it in time, or somebody takes the robot over.
+            BridgeError: if a heartbeat does not confirm it in time, somebody takes the robot over, or
+                something forbids to drive it.
         """
-        end_s = self._now() + ENABLING_S
-        yield from self._until(has_position, end_s, "answer TIMESYNC and send a position")
-        self._vehicle.expect_taking()
+        begin_s = self._now()
+        end_s = begin_s + ENABLING_S
+        while (missing := self._ready.missing(self._now())) or self._now() < begin_s + LISTENING_S:
+            self._refuse(self._ready.conflict() or (missing if self._now() >= end_s else ""))
+            yield STEP_S
+        self._refuse(self._ready.conflict() or self._ready.refusal(self._now()))
+        self._vehicle.expect(self._profile.command_mode)
         streaming_s = self._now() + self._profile.prestream_s
         while self._now() < streaming_s:
             self._hold()
             yield STEP_S
         yield from self._reach(self._profile.command_mode, end_s)
         yield from self._until(lambda: self._vehicle.armed, end_s, "arm", _ARM)
-        self._vehicle.expect_driving()
+        self._refuse(self._ready.hindrance(self._now()))
 
     def stop(self) -> Steps:
         """Command zero at once, then the stop mode; a robot never taken, or taken over, is left alone.
@@ -82,7 +93,7 @@ class Engagement:
         if not self._vehicle.taken or self._vehicle.override:
             return
         self._hold()
-        self._vehicle.expect_stopping()
+        self._vehicle.expect(self._profile.stop_mode)
         yield from self._reach(self._profile.stop_mode, self._now() + STOPPING_S)
 
     def _reach(self, mode: Mode, end_s: float) -> Steps:
@@ -97,8 +108,7 @@ class Engagement:
         self._explanation = ""
         while not confirmed():
             now_s = self._now()
-            if self._vehicle.override:
-                raise BridgeError(self._vehicle.override)
+            self._refuse(self._vehicle.override)
             if now_s >= end_s:
                 said = f": {self._explanation}" if self._explanation else ""
                 raise BridgeError(f"the autopilot did not {what}{said}")
@@ -108,6 +118,10 @@ class Engagement:
                 self._channel.send(request, now_s)
                 ask_s = now_s + ASK_AGAIN_S
             yield STEP_S
+
+    def _refuse(self, reason: str) -> None:
+        if reason:
+            raise BridgeError(reason)
 
     def _hold(self) -> None:
         self._channel.send(self._follower.hold(), self._now())

@@ -11,6 +11,12 @@ class Heartbeat(msgspec.Struct, frozen=True, gc=False):
 
     custom_mode: int
     armed: bool
+    kind: int
+    """MAV_TYPE."""
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    status: int
+    """MAV_STATE."""
 
 
 class Attitude(msgspec.Struct, frozen=True, gc=False):
@@ -37,6 +43,29 @@ class Odometry(msgspec.Struct, frozen=True, gc=False):
     body_velocity_m_s: Vector2
     attitude: Quaternion
     yaw_rate_rad_s: float
+    resets: int
+    """How many times the estimator has set its position anew, modulo 256."""
+
+
+class EstimatorStatus(msgspec.Struct, frozen=True, gc=False):
+    """ESTIMATOR_STATUS or ArduPilot's EKF_STATUS_REPORT: both mean the same by the flags that matter here."""
+
+    flags: int
+    ratio: float
+    """Greatest innovation test ratio of horizontal velocity and position; above 1 they are rejected."""
+
+
+class GpsFix(msgspec.Struct, frozen=True, gc=False):
+    """GPS_RAW_INT: GPS_FIX_TYPE, and the time stamp that moves on while fixes come."""
+
+    kind: int
+    stamp_us: int
+
+
+class Landed(msgspec.Struct, frozen=True, gc=False):
+    """MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
+
+    state: int
 
 
 class TimeSync(msgspec.Struct, frozen=True, gc=False):
@@ -51,6 +80,8 @@ class Parameter(msgspec.Struct, frozen=True, gc=False):
 
     name: str
     value: float
+    real: bool = True
+    """False for an integer type: ArduPilot gives its value, PX4 its bytes in the float's place."""
 
 
 class StatusText(msgspec.Struct, frozen=True, gc=False):
@@ -67,7 +98,27 @@ class CommandResult(msgspec.Struct, frozen=True, gc=False):
     result: int
 
 
-Content = Heartbeat | Attitude | LocalPosition | Odometry | TimeSync | Parameter | StatusText | CommandResult
+class MessageInterval(msgspec.Struct, frozen=True, gc=False):
+    """How often a message is sent: -1 disabled, 0 not available."""
+
+    message: int
+    interval_us: int
+
+
+Content = (
+    Heartbeat
+    | Attitude
+    | LocalPosition
+    | Odometry
+    | EstimatorStatus
+    | GpsFix
+    | Landed
+    | TimeSync
+    | Parameter
+    | StatusText
+    | CommandResult
+    | MessageInterval
+)
 
 
 class Received(msgspec.Struct, frozen=True, gc=False):
@@ -84,7 +135,6 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     frame: int
     type_mask: int
     velocity_m_s: Vector2 = (0.0, 0.0)
-    acceleration_m_s2: Vector2 = (0.0, 0.0)
     yaw_rate_rad_s: float = 0.0
 
 

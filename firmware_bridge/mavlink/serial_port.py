@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import serial
 
 from edge_runtime.errors import BridgeError
+from firmware_bridge.mavlink.transport import CABLE, Address
 
 READ_BYTES = 4096
 LONGEST_QUEUE = 256
@@ -16,8 +17,10 @@ class SerialTransport:
     """A serial port or USB, 8N1, used by nobody else."""
 
     datagrams = False
+    sender = CABLE
 
     def __init__(self, device: str, baud: int) -> None:
+        self.dropped = 0
         try:
             self._port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
@@ -40,19 +43,18 @@ class SerialTransport:
         if data:
             yield data
 
-    def answer_sender(self, proved: bool) -> None:
+    def answer(self, sender: Address) -> None:
         """Nothing to do: a cable has one other end."""
 
-    def send(self, frame: bytes) -> bool:
+    def send(self, frame: bytes) -> None:
         """Send one frame unless older ones still wait.
 
         Raises:
             BridgeError: if the port is gone.
         """
         try:
-            if self._port.out_waiting > LONGEST_QUEUE:
-                return False
-            return bool(self._port.write(frame) == len(frame))
+            waits = self._port.out_waiting > LONGEST_QUEUE
+            self.dropped += waits or self._port.write(frame) != len(frame)
         except OSError as error:
             raise BridgeError(f"serial port {self._port.name}: {error}") from error
 

@@ -1,4 +1,4 @@
-"""From one command to what the autopilot follows: acceleration, velocity, or speed and yaw rate."""
+"""From one command to what the autopilot follows: velocity, or speed and yaw rate."""
 
 import math
 
@@ -9,7 +9,6 @@ from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
 from firmware_bridge.mavlink.messages import Target
 from firmware_bridge.mavlink.profiles import (
-    ACCELERATION_ONLY,
     BODY_NED,
     LOCAL_NED,
     VELOCITY_AND_YAW_RATE,
@@ -59,8 +58,6 @@ class Follower:
         """
         if setpoint.action == _AT_REST and setpoint.velocity_m_s == _AT_REST:
             return self.hold()
-        if self._motion is SetpointKind.ACCELERATION:
-            return self._accelerate(setpoint.action, state.velocity_m_s)
         velocity = self._integrate(setpoint.action, state.velocity_m_s)
         if self._motion is SetpointKind.VELOCITY:
             return Target(LOCAL_NED, VELOCITY_ONLY, velocity_m_s=swap_enu_ned(velocity))
@@ -80,19 +77,6 @@ class Follower:
         """Return the velocity that the manifest's dynamics reach in one period."""
         decay, gain = self._preview.velocity_decay, self._preview.velocity_gain
         return decay * velocity[0] + gain * action[0], decay * velocity[1] + gain * action[1]
-
-    def _accelerate(self, action: Vector2, velocity: Vector2) -> Target:
-        reached = clamp(self._step(action, velocity), self._limits.speed_m_s)
-        dt_s = self._dynamics.dt_s
-        acceleration = ((reached[0] - velocity[0]) / dt_s, (reached[1] - velocity[1]) / dt_s)
-        wire = swap_enu_ned(clamp(acceleration, self._largest_acceleration()))
-        return Target(LOCAL_NED, ACCELERATION_ONLY, acceleration_m_s2=wire)
-
-    def _largest_acceleration(self) -> float:
-        """Of the largest action at the largest speed; a robot faster than that is not slowed down harder."""
-        drag = (1.0 - self._preview.velocity_decay) * self._limits.speed_m_s
-        push = math.sqrt(2.0) * self._preview.velocity_gain * self._limits.action
-        return (drag + push) / self._dynamics.dt_s
 
     def _integrate(self, action: Vector2, measured: Vector2) -> Vector2:
         x, y = self._step(action, measured if self._velocity is None else self._velocity)

@@ -1,5 +1,6 @@
 """Bytes to and from the autopilot: UDP or a serial port, never blocking."""
 
+import errno
 import socket
 from collections.abc import Iterator
 from typing import Protocol
@@ -11,6 +12,9 @@ DATAGRAMS_A_PASS = 64
 """Read before setpoints get their turn: a flood must not hold up a stop."""
 
 FORMS = "udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE:BAUD"
+Address = tuple[str, int]
+CABLE: Address = ("", 0)
+"""The one other end of a serial port."""
 
 
 class Transport(Protocol):
@@ -18,6 +22,10 @@ class Transport(Protocol):
 
     datagrams: bool
     """Whether each portion holds whole frames."""
+    sender: Address
+    """Who sent the last portion."""
+    dropped: int
+    """Frames that the port did not take, or of which the network said that they did not arrive."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
@@ -27,12 +35,12 @@ class Transport(Protocol):
         """Yield what has arrived."""
         ...
 
-    def answer_sender(self, proved: bool) -> None:
-        """Send to whoever sent the last portion, if it ``proved`` to be the autopilot or nobody has."""
+    def answer(self, sender: Address) -> None:
+        """Send to this sender from now on."""
         ...
 
-    def send(self, frame: bytes) -> bool:
-        """Send one frame now, or return False."""
+    def send(self, frame: bytes) -> None:
+        """Send one frame now, or drop and count it."""
         ...
 
     def close(self) -> None:
@@ -47,9 +55,9 @@ class UdpTransport:
 
     def __init__(self, host: str, port: int, listens: bool) -> None:
         address = (host, port)
-        self._peer: tuple[str, int] | None = None if listens else address
-        self._sender = address
-        self._proved = False
+        self.sender = address
+        self.dropped = 0
+        self._peer: Address | None = None if listens else address
         self._listens = listens
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -70,30 +78,32 @@ class UdpTransport:
         """Yield one datagram after the other."""
         for _ in range(DATAGRAMS_A_PASS):
             try:
-                data, self._sender = self._socket.recvfrom(DATAGRAM_BYTES)
+                data, self.sender = self._socket.recvfrom(DATAGRAM_BYTES)
             except BlockingIOError:
                 return
-            except ConnectionRefusedError:
-                continue  # An autopilot that is not up yet; its missing heartbeat tells.
+            except OSError as error:
+                if error.errno == errno.EBADF:
+                    raise  # Ours, not the network's.
+                self.dropped += 1  # ICMP: nobody is there yet, no route, prohibited. Missing heartbeats tell.
+                continue
             yield data
 
-    def answer_sender(self, proved: bool) -> None:
+    def answer(self, sender: Address) -> None:
         """Send there from now on."""
-        if self._listens and (proved or not self._proved):
-            self._peer, self._proved = self._sender, proved
+        if self._listens:
+            self._peer = sender
 
-    def send(self, frame: bytes) -> bool:
-        """Send one datagram; a full queue or a missing peer drops it."""
-        if self._peer is None:
-            return False
+    def send(self, frame: bytes) -> None:
+        """Send one datagram; a full queue, a missing peer or route drops it."""
         try:
-            if self._listens:
+            if self._peer is None:
+                self.dropped += 1
+            elif self._listens:
                 self._socket.sendto(frame, self._peer)
             else:
                 self._socket.send(frame)
         except OSError:
-            return False
-        return True
+            self.dropped += 1
 
     def close(self) -> None:
         """Close the socket."""

@@ -1,7 +1,12 @@
-"""What the autopilot's heartbeats prove: its mode, its arming, and whether somebody else took the robot."""
+"""What the autopilot's heartbeats prove: its type, mode and arming, and whether somebody else took it."""
 
-from firmware_bridge.mavlink.messages import Heartbeat
-from firmware_bridge.mavlink.profiles import Mode, Profile
+from firmware_bridge.mavlink.messages import Heartbeat, Landed
+from firmware_bridge.mavlink.profiles import COPTERS, Mode, Profile, misfit
+
+_STANDBY = 3
+"""MAV_STATE: what ArduCopter reports while it is landed, armed or not."""
+_ON_GROUND = 1
+"""MAV_LANDED_STATE."""
 
 
 class Vehicle:
@@ -15,13 +20,30 @@ class Vehicle:
         self.taken = False
         """Whether this project ever asked for the robot."""
         self._profile = profile
-        self._expected: frozenset[int] = frozenset()
+        self._commanded = profile.command_mode
+        self._present: int | None = None
         self._was_armed = False
+        self._landed: Landed | None = None
 
     @property
     def armed(self) -> bool:
         """Whether the last heartbeat said so."""
         return self.heartbeat is not None and self.heartbeat.armed
+
+    @property
+    def misfit(self) -> str:
+        """What it is, where the profile is for another vehicle; empty where it fits, or is not known yet."""
+        beat = self.heartbeat
+        return "" if beat is None else misfit(self._profile, beat.autopilot, beat.kind)
+
+    @property
+    def grounded(self) -> bool:
+        """Whether it is a copter that does not fly."""
+        beat = self.heartbeat
+        if beat is None or beat.kind not in COPTERS:
+            return False
+        landed = self._landed is not None and self._landed.state == _ON_GROUND
+        return landed or not beat.armed or beat.status == _STANDBY
 
     def in_mode(self, mode: Mode) -> bool:
         """Whether the last heartbeat reported that mode."""
@@ -32,33 +54,27 @@ class Vehicle:
         """Whether the autopilot follows setpoints."""
         return self.armed and self.in_mode(self._profile.command_mode)
 
-    def expect_taking(self) -> None:
-        """From now on only the present mode and ours are expected."""
-        self._expect(self._profile.command_mode.reported, *self._present())
+    def expect(self, mode: Mode) -> None:
+        """This mode is now commanded: until a heartbeat shows it, the present one is nobody else's choice."""
+        self.taken = True
+        self._commanded = mode
+        self._present = None if self.heartbeat is None else self.heartbeat.custom_mode
+        self._was_armed = self._was_armed or self.armed
 
-    def expect_driving(self) -> None:
-        """From now on only our mode is expected."""
-        self._expect(self._profile.command_mode.reported)
-
-    def expect_stopping(self) -> None:
-        """From now on the stop mode is expected, and the present one until it is reached."""
-        self._expect(self._profile.stop_mode.reported, *self._present())
+    def on_landed(self, landed: Landed) -> None:
+        """Take in whether it flies."""
+        self._landed = landed
 
     def on_heartbeat(self, heartbeat: Heartbeat, now_s: float) -> None:
         """Take in a heartbeat and notice an operator's or a failsafe's hand."""
         self.heartbeat, self.heartbeat_s = heartbeat, now_s
         if not self.taken or self.override:
             return
-        if heartbeat.custom_mode not in self._expected:
-            self.override = f"an operator or failsafe chose mode {heartbeat.custom_mode:#x}"
-        elif self._was_armed and not heartbeat.armed:
-            self.override = "an operator or failsafe disarmed the robot"
+        mode = heartbeat.custom_mode
+        if mode == self._commanded.reported:
+            self._present = None
+        elif mode != self._present:
+            self.override = f"an operator or failsafe chose mode {mode:#x}"
+        if self._was_armed and not heartbeat.armed:
+            self.override = self.override or "an operator, a failsafe or a landing disarmed the robot"
         self._was_armed = heartbeat.armed
-
-    def _present(self) -> tuple[int, ...]:
-        return () if self.heartbeat is None else (self.heartbeat.custom_mode,)
-
-    def _expect(self, *modes: int) -> None:
-        self.taken = True
-        self._expected = frozenset(modes)
-        self._was_armed = self._was_armed or self.armed

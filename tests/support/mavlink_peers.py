@@ -3,12 +3,14 @@
 import math
 import os
 
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as common
 
 from firmware_bridge.mavlink.profiles import PROFILES
-from firmware_bridge.sil.firmware.autopilot import STREAMS, Autopilot
+from firmware_bridge.sil.firmware.autopilot import Autopilot
 from firmware_bridge.sil.firmware.world import BaseState
 
+HOME = ("10.0.0.2", 14550)
+"""Where the scripted autopilot speaks from."""
 NORTHBOUND = BaseState((2.0, 1.0), math.pi / 2, 0.1, 0.0)
 
 
@@ -26,11 +28,14 @@ def local_position(boot_ms=1000, x=1.0, y=2.0, vx=0.1, vy=0.2):
     return common.MAVLink_local_position_ned_message(boot_ms, x, y, -3.0, vx, vy, 0.0)
 
 
-def odometry(boot_ms=2500, frame_id=1, child_frame_id=12, x=1.0, yaw_rate=0.5, q=(1.0, 0.0, 0.0, 0.0)):
+def odometry(
+    boot_ms=2500, frame_id=1, child_frame_id=12, x=1.0, yaw_rate=0.5, q=(1.0, 0.0, 0.0, 0.0), resets=7
+):
     covariance = [0.0] * 21
     position, velocity, turn = (x, 2.0, 3.0), (0.25, 0.5, 0.75), (0.0, 0.0, yaw_rate)
     return common.MAVLink_odometry_message(
-        boot_ms * 1000, frame_id, child_frame_id, *position, list(q), *velocity, *turn, covariance, covariance
+        *(boot_ms * 1000, frame_id, child_frame_id, *position, list(q)),
+        *(*velocity, *turn, covariance, covariance, resets),
     )
 
 
@@ -47,15 +52,22 @@ class Ticks:
 
 
 class ScriptedAutopilot(Autopilot):
-    """The harness's autopilot as a link's transport; tells everything whenever it is read."""
+    """The harness's autopilot as a link's transport."""
 
     datagrams = True
+    sender = HOME
 
     def __init__(self, profile, clock):
         super().__init__(PROFILES[profile], lambda: clock.now_s)
         self.heard = []
         """Messages in the order in which they arrived."""
-        self.proofs = []
+        self.answered = []
+        """The addresses that it was told to send to, in their order."""
+        self.others = []
+        """Frames of others on the same port, with their senders: they come first."""
+        self.dropped = 0
+        self.punctual = False
+        """Whether messages come at their intervals, and not all of them whenever it is read."""
         self._answers = []
         self._readable, writer = os.pipe()
         os.write(writer, b"x")
@@ -64,21 +76,28 @@ class ScriptedAutopilot(Autopilot):
     def fileno(self):
         return self._readable
 
-    def answer_sender(self, proved):
-        self.proofs.append(proved)
+    def answer(self, sender):
+        self.answered.append(sender)
 
     def close(self):
         os.close(self._readable)
 
     def send(self, frame):
-        if not self.proofs:
-            return False  # A listening port knows nobody to send to.
-        self._answers += self.hear(frame, self.clock())
-        return True
+        if not self.answered:
+            self.dropped += 1  # A listening port knows nobody to send to.
+        elif self.answered[-1] == HOME:
+            self._answers += self.hear(frame, self.clock())
 
     def receive(self):
+        others, self.others = self.others, []
+        for self.sender, frame in others:
+            yield frame
+        self.sender = HOME
         answers, self._answers = self._answers, []
         yield from answers
+        if not self.punctual:
+            for message in self.intervals.period_s:
+                self.intervals.send_now(message)
         yield from self.report(NORTHBOUND)
 
     def setpoints(self):
@@ -90,6 +109,3 @@ class ScriptedAutopilot(Autopilot):
     def _obey(self, message, arrival_s):
         self.heard.append(message)
         return super()._obey(message, arrival_s)
-
-    def _due(self, now_s):
-        return list(STREAMS.values())

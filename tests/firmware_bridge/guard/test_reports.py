@@ -122,7 +122,7 @@ def test_a_firmware_timeout_that_does_not_serve_is_named_with_the_remedy(timeout
         check_firmware_timeout(link, allow_unsafe=False)
     assert str(caught.value) == (
         f"the firmware's command timeout is {known}, not between 0 and 1 s: "
-        "set it in the firmware and the profile, or pass --allow-unsafe-firmware-timeout"
+        "set it as edge-doctor says, or pass --allow-unsafe-firmware-timeout"
     )
 
 

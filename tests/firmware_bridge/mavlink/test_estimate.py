@@ -33,7 +33,7 @@ def test_position_velocity_and_heading_in_the_teams_axes(clock):
 def test_odometry_brings_body_velocity_and_attitude(clock):
     robot = estimate(clock)
     x, y, z, w = Rotation.from_euler("ZYX", [math.pi / 2, 0.0, 0.0]).as_quat()
-    robot.on_odometry(Odometry(2.0, (1.0, 2.0), (0.5, 0.25), (w, x, y, z), 0.0), 12.01)
+    robot.on_odometry(Odometry(2.0, (1.0, 2.0), (0.5, 0.25), (w, x, y, z), 0.0, 0), 12.01)
     assert robot.state.position_m == (2.0, 1.0)
     # Facing east: forward is east, right is south.
     assert robot.state.velocity_m_s == pytest.approx((0.5, -0.25))

@@ -9,7 +9,8 @@ import subprocess
 import pytest
 from paths import SUPPORT
 
-from firmware_bridge.mavlink.codec import Decoder, Encoder
+from firmware_bridge.mavlink.decoder import Decoder
+from firmware_bridge.mavlink.encoder import Encoder
 from firmware_bridge.mavlink.messages import Beat, Command, ParameterRequest, Target, TimeSync
 from firmware_bridge.mavlink.signing import SignatureCheck, Signing, Timestamps
 
@@ -88,8 +89,8 @@ def test_no_unsigned_replayed_or_altered_frame_is_accepted(signing):
     assert len(list(decoder.feed(recorded))) == 1
     attacks = list(frames_of(node("attack", KEY.hex(), str(ATTACKS))))
     assert len(attacks) == ATTACKS
-    accepted = [r for kind, frame in attacks for r in decoder.feed(recorded if kind == 2 else frame)]
-    decoder.end_of_datagram()
+    frames = (recorded if kind == 2 else frame for kind, frame in attacks)
+    accepted = [r for frame in frames for r in decoder.feed(frame, whole=True)]
     assert accepted == []
     refused = decoder.tally.refused
     assert sum(refused.values()) == ATTACKS

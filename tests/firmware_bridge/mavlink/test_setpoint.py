@@ -83,9 +83,8 @@ def test_integration_starts_from_the_measured_velocity():
     assert target.velocity_m_s[1] == pytest.approx(0.4 * DRAGGED.preview(1).velocity_decay)
 
 
-@pytest.mark.parametrize("motion", [SetpointKind.VELOCITY, SetpointKind.ACCELERATION])
-def test_the_zero_command_is_zero_velocity_and_forgets(motion):
-    drone = follower(motion)
+def test_the_zero_command_is_zero_velocity_and_forgets():
+    drone = follower(SetpointKind.VELOCITY)
     for _ in range(50):
         drone.follow(setpoint((1.0, 1.0)), state())
     assert drone.follow(setpoint(REST, REST), state(velocity=(0.5, 0.5))) == Target(1, 0xDC7)
@@ -99,33 +98,6 @@ def test_zero_action_in_motion_is_no_stop():
     for _ in range(20):
         px4.follow(setpoint((1.0, 0.0)), state())
     assert px4.follow(setpoint(REST, (0.4, 0.0)), state()).velocity_m_s[1] > 0.3
-
-
-def test_acceleration_gives_the_dynamics_velocity_after_one_period():
-    copter = follower(SetpointKind.ACCELERATION)
-    velocity, preview = (0.3, -0.2), DRAGGED.preview(1)
-    target = copter.follow(setpoint((1.0, 0.5)), state(velocity))
-    assert (target.frame, target.type_mask, target.velocity_m_s) == (1, 0xC3F, REST)
-    north, east = target.acceleration_m_s2
-    reached = (velocity[0] + 0.02 * east, velocity[1] + 0.02 * north)
-    expected = (
-        preview.velocity_decay * 0.3 + preview.velocity_gain,
-        preview.velocity_decay * -0.2 + preview.velocity_gain * 0.5,
-    )
-    assert reached == pytest.approx(expected)
-
-
-@given(actions, st.tuples(st.floats(-50, 50), st.floats(-50, 50)))
-def test_acceleration_stays_within_what_the_dynamics_can_ask_for(action, velocity):
-    target = follower(SetpointKind.ACCELERATION).follow(setpoint(action), state(velocity))
-    drag_per_s = (1.0 - 0.75 ** (0.02 / 0.1)) / 0.02
-    largest = math.sqrt(2) * LIMITS.action / 2.0 + drag_per_s * LIMITS.speed_m_s
-    assert math.hypot(*target.acceleration_m_s2) <= largest * (1 + 1e-9)
-
-
-def test_a_copter_over_the_speed_limit_is_not_accelerated_further():
-    target = follower(SetpointKind.ACCELERATION, FREE).follow(setpoint((1.0, 0.0)), state((1.0, 0.0)))
-    assert target.acceleration_m_s2[1] == pytest.approx(0.0, abs=1e-9)
 
 
 class TestRover:

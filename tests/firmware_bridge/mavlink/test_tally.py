@@ -4,10 +4,10 @@ import math
 
 import pytest
 from mavlink_peers import local_position, vehicle_frame
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as common
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.mavlink.codec import Decoder
+from firmware_bridge.mavlink.decoder import Decoder
 from firmware_bridge.mavlink.signing import SignatureCheck, Signing, Timestamps
 
 KEY = bytes(range(32))
@@ -26,8 +26,7 @@ def counts(tally):
 def counted(decoder, *frames):
     """What the tally holds after the frames, without the zeros."""
     for frame in frames:
-        list(decoder.feed(frame))
-        decoder.end_of_datagram()
+        list(decoder.feed(frame, whole=True))
     found = counts(decoder.tally)
     del found["refused"]
     return {name: count for name, count in found.items() if count}

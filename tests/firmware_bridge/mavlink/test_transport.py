@@ -1,4 +1,5 @@
 import contextlib
+import errno
 import os
 import pty
 import select
@@ -11,6 +12,20 @@ from waiting import HANG_S
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.mavlink.serial_port import LONGEST_QUEUE
 from firmware_bridge.mavlink.transport import DATAGRAMS_A_PASS, open_transport, parse_address
+
+
+class TellingSocket:
+    """Says once, on receiving and on sending, what an ICMP message makes a kernel say."""
+
+    def __init__(self, wrapped, word):
+        self._wrapped, self._words = wrapped, {"recvfrom": word, "sendto": word}
+
+    def __getattr__(self, name):
+        if name in self._words:
+            word = self._words.pop(name)
+            raise_it = OSError(word, os.strerror(word))
+            return lambda *_: (_ for _ in ()).throw(raise_it)
+        return getattr(self._wrapped, name)
 
 
 @pytest.fixture
@@ -79,45 +94,32 @@ def test_what_is_no_address_is_refused_with_the_forms(address):
 
 class TestUdp:
     def test_a_listener_answers_once_it_is_told_whom(self, listening, robot):
-        assert not listening.send(b"nobody is known yet")
+        listening.send(b"nobody is known yet")
         robot.send(b"first")
         assert received(listening) == [b"first"]
-        assert not listening.send(b"not yet told")
-        listening.answer_sender(proved=True)
-        assert listening.send(b"hello")
+        listening.send(b"not yet told")
+        assert listening.dropped == 2
+        listening.answer(listening.sender)
+        listening.send(b"hello")
         assert robot.recv(100) == b"hello"
+        assert listening.dropped == 2
 
-    def test_a_stranger_does_not_divert_the_answers(self, listening, robot):
+    def test_every_portion_names_its_sender_and_diverts_no_answers(self, listening, robot):
         robot.send(b"first")
         received(listening)
-        listening.answer_sender(proved=True)
+        assert listening.sender == robot.getsockname()
+        listening.answer(listening.sender)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"noise", robot.getpeername())
             assert received(listening) == [b"noise"]
-        assert listening.send(b"hello")
+            assert listening.sender[1] == stranger.getsockname()[1]
+        listening.send(b"hello")
         assert robot.recv(100) == b"hello"
-
-    def test_who_proved_nothing_is_only_answered_until_somebody_did(self, listening, robot):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as replayer:
-            replayer.settimeout(HANG_S)
-            replayer.sendto(b"recorded", robot.getpeername())
-            received(listening)
-            listening.answer_sender(proved=False)
-            listening.send(b"hello")
-            assert replayer.recv(100) == b"hello"
-            robot.send(b"fresh")
-            received(listening)
-            listening.answer_sender(proved=True)
-            replayer.sendto(b"recorded", robot.getpeername())
-            received(listening)
-            listening.answer_sender(proved=False)
-            listening.send(b"again")
-        assert robot.recv(100) == b"again"
 
     def test_a_caller_sends_first_and_keeps_its_peer(self, robot):
         transport = open_transport(f"udpout:127.0.0.1:{robot.getsockname()[1]}")
-        transport.answer_sender(proved=True)
-        assert transport.send(b"hello")
+        transport.answer(("192.0.2.1", 1))
+        transport.send(b"hello")
         data, address = robot.recvfrom(100)
         robot.sendto(b"answer", address)
         assert (data, received(transport)) == (b"hello", [b"answer"])
@@ -130,8 +132,39 @@ class TestUdp:
         transport.send(b"hello")
         assert received(transport) == []
         transport.send(b"hello")
-        assert not transport.send(b"hello") or received(transport) == []
+        assert received(transport) == []
+        assert transport.dropped > 0
         transport.close()
+
+    @pytest.mark.parametrize(
+        "word",
+        [
+            errno.ECONNREFUSED,
+            errno.EHOSTUNREACH,
+            errno.ENETUNREACH,
+            errno.EHOSTDOWN,
+            errno.ENETDOWN,
+            errno.ENOPROTOOPT,
+            errno.EPROTO,
+            errno.EPERM,
+            errno.EMSGSIZE,
+        ],
+    )
+    def test_what_the_network_says_of_earlier_frames_ends_nothing(self, listening, robot, word):
+        """ICMP: prohibited, no route, too big (the kernel's icmp_err_convert): passed over and counted."""
+        robot.send(b"first")
+        received(listening)
+        listening.answer(listening.sender)
+        listening._socket = TellingSocket(listening._socket, word)
+        robot.send(b"second")
+        assert received(listening) == [b"second"]
+        listening.send(b"hello")
+        assert listening.dropped == 2
+
+    def test_a_socket_of_ours_that_is_gone_is_not_the_networks_word(self, listening):
+        listening.close()
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            list(listening.receive())
 
     def test_a_flood_is_taken_in_portions(self, listening, robot):
         for _ in range(DATAGRAMS_A_PASS + 5):
@@ -153,15 +186,16 @@ class TestSerial:
         assert list(transport.receive()) == []
         os.write(controller, b"from the autopilot")
         assert received(transport) == [b"from the autopilot"]
-        transport.answer_sender(proved=True)
-        assert transport.send(b"to it")
+        transport.answer(transport.sender)
+        transport.send(b"to it")
         assert os.read(controller, 100) == b"to it"
         assert not transport.datagrams
 
     def test_a_full_port_drops(self, cable, monkeypatch):
         transport, _ = cable
         monkeypatch.setattr(type(transport._port), "out_waiting", LONGEST_QUEUE + 1)
-        assert not transport.send(b"a setpoint of the past")
+        transport.send(b"a setpoint of the past")
+        assert transport.dropped == 1
 
     def test_an_unplugged_cable_is_an_error(self, cable):
         transport, controller = cable

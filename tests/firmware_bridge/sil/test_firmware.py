@@ -4,13 +4,14 @@ import math
 import struct
 
 import pytest
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as common
 
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.sil.firmware.agilex import BY_OPERATOR, AgilexChassis
-from firmware_bridge.sil.firmware.autopilot import STREAM_PERIOD_S, Autopilot
+from firmware_bridge.sil.firmware.autopilot import STATION_TIMEOUT_S, Autopilot
 from firmware_bridge.sil.firmware.firmware import REST
+from firmware_bridge.sil.firmware.intervals import STREAM_PERIOD_S
 from firmware_bridge.sil.firmware.record import NodeRecorder, Pace
 from firmware_bridge.sil.firmware.world import BaseState
 
@@ -139,6 +140,44 @@ class TestAutopilot:
         assert say(rover, command(common.MAV_CMD_COMPONENT_ARM_DISARM, 1)) == ["COMMAND_ACK", "STATUSTEXT"]
         assert not rover.armed
 
+    def test_an_interval_faster_than_its_scheduler_grants_is_denied(self, rover):
+        """ArduPilot 4.6: 80 % of SCHED_LOOP_RATE, which Rover has at 50."""
+        rover.loop_rate_hz = 50.0
+        for asked_us, result in ((10_000, 2), (24_999, 2), (25_000, 0), (-1, 0)):
+            packer = common.MAVLink(None, srcSystem=255, srcComponent=190)
+            wish = command(common.MAV_CMD_SET_MESSAGE_INTERVAL, 32, asked_us)
+            (answer,) = rover.hear(bytes(wish.pack(packer)), rover.clock())
+            assert common.MAVLink(None).decode(bytearray(answer)).result == result
+        assert rover.intervals.get_us(32) == -1
+
+    def test_a_station_on_the_same_link_changes_all_streams(self, rover):
+        say(rover, command(common.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 10_000))
+        assert rover.intervals.get_us(32) == 10_000
+        say(rover, common.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+        assert rover.intervals.get_us(32) == 250_000
+
+    def test_it_tells_intervals_and_single_messages(self, rover):
+        assert say(rover, command(common.MAV_CMD_GET_MESSAGE_INTERVAL, 32)) == [
+            "MESSAGE_INTERVAL",
+            "COMMAND_ACK",
+        ]
+        for _ in range(2):
+            rover.report(STATE)
+        assert names(rover.report(STATE)) == []
+        say(rover, command(common.MAV_CMD_REQUEST_MESSAGE, 193))
+        say(rover, command(common.MAV_CMD_REQUEST_MESSAGE, 12345))
+        assert names(rover.report(STATE)) == ["HEARTBEAT", "EKF_STATUS_REPORT"]
+
+    def test_a_failsafe_changes_its_mode_where_the_guards_heartbeats_end(self, rover, clock):
+        rover.station_failsafe = True
+        say(rover, common.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+        engage(rover)
+        for later_s, mode in ((STATION_TIMEOUT_S, 15), (STATION_TIMEOUT_S + 0.1, 4)):
+            clock.now_s = 100.0 + later_s
+            rover.report(STATE)
+            assert rover.mode == mode
+        assert rover.motion(clock()) == REST
+
     def test_streams_come_at_the_intervals_that_were_asked_for(self, rover, clock):
         say(rover, command(common.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 10_000))
         told = []
@@ -163,7 +202,8 @@ class TestAutopilot:
         rover.silent, rover.not_finite = False, True
         clock_moves_on = rover.clock.now_s + 1.0
         rover.clock.now_s = clock_moves_on
-        position = common.MAVLink(None).decode(bytearray(rover.report(STATE)[-1]))
+        told = [common.MAVLink(None).decode(bytearray(frame)) for frame in rover.report(STATE)]
+        (position,) = (message for message in told if message.get_type() == "LOCAL_POSITION_NED")
         assert math.isnan(position.x) and math.isnan(position.y)
         rover.corrupt = True
         rover.clock.now_s += 1.0

@@ -1,10 +1,13 @@
 """A PX4-like autopilot made of the MAVSDK library: an implementation of MAVLink that nobody here wrote.
 
-``python mavsdk_autopilot.py PORT`` listens on udpin 127.0.0.1:PORT, prints one JSON line an event, obeys the
-operator's lines on standard input (``mode HOLD``, ``disarm``, ``quit``).
+``python mavsdk_autopilot.py PORT`` listens on 127.0.0.1:PORT, prints one JSON line an event, obeys the
+operator's lines on standard input (``mode HOLD``, ``disarm``, ``quit``). The library says neither which
+autopilot it is nor of which vehicle; what leaves this process says PX4 and rover.
 """
 
 import json
+import socket
+import struct
 import sys
 import threading
 import time
@@ -13,15 +16,53 @@ from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.plugins.action_server.action_server import ActionServer, AllowableFlightModes, FlightMode
 from mavsdk.plugins.mavlink_direct_server.mavlink_direct_server import MavlinkDirectServer, MavlinkMessage
 from mavsdk.plugins.param_server.param_server import ParamServer
+from pymavlink.dialects.v20 import common
 
 COMMAND_TIMEOUT_S = 0.5
 TELEMETRY_S = 0.02
 
 
+HEARTBEAT = struct.Struct("<IBB3s")
+"""Mode, type, autopilot, and the rest."""
+
+
+def as_px4_rover(frame):
+    """Return a frame; a heartbeat's with the type and autopilot that the library leaves open."""
+    if int.from_bytes(frame[7:10], "little") != common.MAVLINK_MSG_ID_HEARTBEAT:
+        return frame
+    mode, _, _, rest = HEARTBEAT.unpack(frame[10:-2].ljust(HEARTBEAT.size, b"\0"))
+    payload = HEARTBEAT.pack(mode, common.MAV_TYPE_GROUND_ROVER, common.MAV_AUTOPILOT_PX4, rest)
+    header = bytes([frame[0], len(payload)]) + frame[2:10]
+    checksum = common.x25crc(header[1:] + payload)
+    checksum.accumulate(bytes([common.MAVLink_heartbeat_message.crc_extra]))
+    return header + payload + struct.pack("<H", checksum.crc)
+
+
+class Port:
+    """A UDP socket between the library and whoever spoke last."""
+
+    def __init__(self, number, mavsdk):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", number))
+        self.peer, self.mavsdk = None, mavsdk
+        mavsdk.add_any_connection("raw://")
+        mavsdk.subscribe_raw_bytes_to_be_sent(self.send)
+        threading.Thread(target=self.receive, daemon=True).start()
+
+    def send(self, frame):
+        if self.peer is not None:
+            self.socket.sendto(as_px4_rover(frame), self.peer)
+
+    def receive(self):
+        while True:
+            data, self.peer = self.socket.recvfrom(2048)
+            self.mavsdk.pass_received_raw_bytes(data)
+
+
 class Autopilot:
     def __init__(self, port):
         self.mavsdk = Mavsdk(Configuration.create_manual(1, 1, True))
-        self.mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
+        self.port = Port(port, self.mavsdk)
         component = self.mavsdk.server_component()
         self.actions, self.direct = ActionServer(component), MavlinkDirectServer(component)
         self.parameters = ParamServer(component)
