@@ -34,6 +34,17 @@ def helped(request):
     return name, module, run(module, "--help", COLUMNS="100", FORCE_COLOR="1", NO_COLOR="1")
 
 
+@pytest.mark.parametrize("name", WORKSTATION)
+def test_a_robot_without_the_workstations_extra_is_told_which(name):
+    code = "import sys; sys.modules['torch'] = None; from edge_runtime import commands; commands.{}()"
+    done = subprocess.run(
+        [sys.executable, "-c", code.format(name.replace("-", "_"))],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"{name}: torch is not installed; run: pip install 'cfpg-edge[train]'\n"
+
+
 def test_help_shows_examples_and_exit_codes(helped):
     name, _, done = helped
     assert (done.returncode, done.stderr) == (0, "")
