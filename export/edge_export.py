@@ -7,7 +7,6 @@ from pathlib import Path
 
 from edge_runtime.common.command_line import CommandParser, command
 from edge_runtime.errors import ConfigError
-from edge_runtime.policy.manifest import Training
 from export.algorithms.derivatives import evaluate_torch
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import FACTS_TEMPLATE, Facts, read_facts
@@ -97,14 +96,7 @@ def _scenario_facts(origin: PolicyFacts) -> Facts:
         euler_steps=origin.euler_steps,
         dynamics=scenario.dynamics,
         body=scenario.body,
-        training=Training(
-            scenario=origin.scenario,
-            algorithm=origin.algorithm,
-            seed=origin.seed,
-            frames=origin.frames,
-            commit=origin.commit,
-            score=origin.score,
-        ),
+        training=origin.training,
         start=origin.start,
     )
 

@@ -12,8 +12,10 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Independent, Normal
 
-from edge_runtime.policy.weights import Activation
 from export.algorithms.networks import ACTIVATIONS, Actor, FlowNetwork
+
+INITIAL_DEVIATION = 0.5
+"""Of each action component when training starts, in units of the action."""
 
 
 class GaussianNetwork(Actor):
@@ -21,19 +23,12 @@ class GaussianNetwork(Actor):
 
     start = "zero"
 
-    def __init__(
-        self,
-        observation_dim: int,
-        action_dim: int,
-        hidden: tuple[int, ...] = (64, 64),
-        activation: Activation = "silu",
-        initial_std: float = 0.5,
-    ) -> None:
-        super().__init__(observation_dim, action_dim, hidden, activation)
-        self.from_observation = nn.Linear(observation_dim, hidden[0])
-        self.layers = nn.ModuleList(nn.Linear(m, n) for m, n in pairwise((*hidden, action_dim)))
-        self.log_deviation = nn.Parameter(torch.full((action_dim,), math.log(initial_std)))
-        self._activate = ACTIVATIONS[activation]()
+    def __init__(self, observation_dim: int, action_dim: int) -> None:
+        super().__init__(observation_dim, action_dim)
+        self.from_observation = nn.Linear(observation_dim, self.hidden[0])
+        self.layers = nn.ModuleList(nn.Linear(m, n) for m, n in pairwise((*self.hidden, action_dim)))
+        self.log_deviation = nn.Parameter(torch.full((action_dim,), math.log(INITIAL_DEVIATION)))
+        self._activate = ACTIVATIONS[self.activation]()
         nn.init.normal_(self.layers[-1].weight, std=0.01)
         nn.init.zeros_(self.layers[-1].bias)
 

@@ -10,36 +10,20 @@ nothing. Related: DPPO, ReinFlow, Flow-GRPO.
 """
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from export.algorithms.base import TrainingSettings
 from export.algorithms.networks import Actor, FlowNetwork
+from export.algorithms.ppo import ClippedSurrogate
 from export.algorithms.precision import half_precision
-
-
-@dataclass(frozen=True)
-class ChainSettings:
-    """Constants of the algorithm."""
-
-    euler_steps: int = 10
-    step_noise: float = 0.15
-    """sigma when training starts, in units of the action, at each Euler step."""
-    clip: float = 0.3
-    """Half-width of PPO's trust region for the chain's ratio: wider than a Gaussian's, since a chain's ratio
-    also moves where its last point does not."""
-    half_precision: bool = True
-    """Compute likelihoods in bfloat16 where the processor is faster so."""
 
 
 class NoisyFlow(Actor):
     """A flow, and the deviation of the noise that its chain explores with."""
 
-    def __init__(
-        self, observation_dim: int, action_dim: int, step_noise: float, prior_std: float = 0.5
-    ) -> None:
+    def __init__(self, observation_dim: int, action_dim: int, step_noise: float, prior_std: float) -> None:
         flow = FlowNetwork(observation_dim, action_dim, prior_std=prior_std)
         super().__init__(observation_dim, action_dim, flow.hidden, flow.activation)
         self.flow, self.moments = flow, flow.moments
@@ -50,16 +34,22 @@ class NoisyFlow(Actor):
         return self.flow
 
 
-class MafpoChain:
+class MafpoChain(ClippedSurrogate):
     """A flow policy trained as a Markov chain of T small Gaussian steps."""
 
     name = "mafpo-chain"
     settings = TrainingSettings(learning_rate=1e-3, ratio_change=0.15)
+    euler_steps = 10
+    clip = 0.3
+    """Wider than a Gaussian's, since a chain's ratio also moves where its last point does not."""
+    step_noise = 0.15
+    """sigma when training starts, in units of the action, at each Euler step."""
+    prior_std = 0.5
+    half_precision = True
+    """Compute likelihoods in bfloat16 where the processor is faster so."""
 
     def __init__(self, observation_dim: int, action_dim: int) -> None:
-        self.flow = ChainSettings()
-        self.euler_steps = self.flow.euler_steps
-        self.actor = NoisyFlow(observation_dim, action_dim, self.flow.step_noise)
+        self.actor = NoisyFlow(observation_dim, action_dim, self.step_noise, self.prior_std)
 
     def explore(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Sample noisy chains; the trace holds all T + 1 points."""
@@ -77,20 +67,11 @@ class MafpoChain:
         chain = trace.unflatten(-1, (self.euler_steps + 1, action.shape[-1]))
         tau = torch.arange(self.euler_steps, device=chain.device)[:, None] / self.euler_steps
         field, log_step_noise = self.actor.flow, self.actor.log_step_noise
-        with half_precision(chain.device, wanted=self.flow.half_precision):
+        with half_precision(chain.device, wanted=self.half_precision):
             context = field.context(observation)[..., None, :]
             velocity = field.velocity(context, chain[..., :-1, :], tau).float()
         residual = (chain.diff(dim=-2) - velocity / self.euler_steps) / log_step_noise.exp()
         return -(0.5 * residual.square() + log_step_noise).sum((-2, -1))
-
-    def ratio(self, new: Tensor, old: Tensor) -> Tensor:
-        """Ratio of the chains' densities."""
-        return (new - old).exp()
-
-    def objective(self, ratio: Tensor, advantage: Tensor) -> Tensor:
-        """PPO's clipped surrogate."""
-        clipped = ratio.clamp(1 - self.flow.clip, 1 + self.flow.clip)
-        return torch.minimum(ratio * advantage, clipped * advantage)
 
     def act(self, observation: Tensor, start: Tensor) -> Tensor:
         """T Euler steps from ``start``, with no noise on the way."""

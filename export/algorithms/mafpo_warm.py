@@ -17,13 +17,12 @@ import torch
 from torch import Tensor, nn
 
 from export.algorithms.base import TrainingSettings
-from export.algorithms.mafpo_chain import ChainSettings, MafpoChain, NoisyFlow
+from export.algorithms.mafpo_chain import MafpoChain
 from export.algorithms.networks import FlowNetwork
 
 DEVIATION = 0.2
 """s, about what a Gaussian policy explores with in the end. With 0.1 the flow by itself is no better, and
 follows guidance less."""
-STEP_NOISE = 0.06
 MATCHING_STEPS = 10_000
 BATCH = 4096
 LEARNING_RATE = 3e-3
@@ -36,11 +35,9 @@ class MafpoWarm(MafpoChain):
     settings = TrainingSettings(
         frames=400_000, learning_rate=3e-4, ratio_change=0.08, validation_every=4, moving_moments=False
     )
-
-    def __init__(self, observation_dim: int, action_dim: int) -> None:
-        self.flow = ChainSettings(step_noise=STEP_NOISE, clip=0.2)
-        self.euler_steps = self.flow.euler_steps
-        self.actor = NoisyFlow(observation_dim, action_dim, self.flow.step_noise, prior_std=DEVIATION)
+    clip = 0.2
+    step_noise = 0.06
+    prior_std = DEVIATION
 
 
 def match(

@@ -2,14 +2,15 @@
 
 import io
 import pickle
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import torch
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.policy.manifest import FlowStart
+from edge_runtime.policy.manifest import FlowStart, Training
 from export.algorithms.networks import Actor, FlowNetwork
 from export.atomic import write_atomic
 
@@ -31,23 +32,22 @@ class RunIdentity:
     hidden: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class PolicyFacts:
-    """Where a trained policy comes from."""
+class PolicyFacts(Training, frozen=True):
+    """Where a trained policy comes from, and how it is to be run.
 
-    scenario: str
-    algorithm: str
-    seed: int
-    frames: int
-    commit: str
-    """Git commit of the training code; ``unknown`` outside a checkout."""
-    score: float
-    """The scenario's score on validation episodes."""
+    The commit is of the training code, ``unknown`` outside a checkout; the score is the scenario's.
+    """
+
     euler_steps: int
     """T that it was trained with."""
     start: FlowStart = "noise"
     preferred: bool = False
     """Whether it observes preferences between the task and its execution objectives."""
+
+    @property
+    def training(self) -> Training:
+        """The part that a bundle's manifest tells."""
+        return Training(*(getattr(self, name) for name in Training.__struct_fields__))
 
 
 def save(path: Path, state: dict[str, Any]) -> None:
@@ -106,7 +106,10 @@ def save_policy(directory: Path, actor: Actor, facts: PolicyFacts) -> None:
         "activation": flow.activation,
         "prior_std": flow.prior_std,
     }
-    save(directory / BEST, {"facts": asdict(facts), "network": network, "actor": flow.state_dict()})
+    save(
+        directory / BEST,
+        {"facts": msgspec.structs.asdict(facts), "network": network, "actor": flow.state_dict()},
+    )
 
 
 def load_policy(run_dir: Path) -> tuple[FlowNetwork, PolicyFacts]:
@@ -118,10 +121,10 @@ def load_policy(run_dir: Path) -> tuple[FlowNetwork, PolicyFacts]:
     path = Path(run_dir) / BEST
     state = load(path)
     try:
-        facts = PolicyFacts(**state["facts"])
+        facts = msgspec.convert(state["facts"], PolicyFacts)
         actor = FlowNetwork(**state["network"])
         actor.load_state_dict(state["actor"])
-    except (KeyError, TypeError, RuntimeError) as error:
+    except (KeyError, TypeError, RuntimeError, msgspec.ValidationError) as error:
         raise ConfigError(
             f"{path} holds no policy of this version: train it again with edge-train"
         ) from error

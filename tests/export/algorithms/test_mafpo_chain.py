@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import torch
 from torch.distributions import Normal
 
@@ -16,7 +14,7 @@ def algorithm_with_weights():
 
 def test_log_likelihood_is_the_density_of_the_chains_transitions():
     algorithm = algorithm_with_weights()
-    algorithm.flow = replace(algorithm.flow, half_precision=False)
+    algorithm.half_precision = False
     observation = torch.randn(32, 18)
     action, trace = algorithm.explore(observation, torch.Generator().manual_seed(0))
     chain, steps, sigma = trace.view(32, 11, 2), 10, algorithm.actor.log_step_noise.exp()
@@ -34,7 +32,7 @@ def test_half_precision_moves_a_log_likelihood_by_far_less_than_an_update_does()
     observation = torch.randn(512, 18)
     samples = (observation, *algorithm.explore(observation, torch.Generator().manual_seed(0)))
     half = algorithm.log_likelihood(*samples)
-    algorithm.flow = replace(algorithm.flow, half_precision=False)
+    algorithm.half_precision = False
     assert (half - algorithm.log_likelihood(*samples)).abs().mean() < 0.02
 
 

@@ -7,7 +7,7 @@ import scipy.integrate
 import torch
 
 from export.algorithms import mafpo_warm
-from export.algorithms.mafpo_warm import DEVIATION, STEP_NOISE, MafpoWarm, match
+from export.algorithms.mafpo_warm import DEVIATION, MafpoWarm, match
 from export.algorithms.networks import FlowNetwork
 from export.distributed import Workers
 
@@ -84,7 +84,7 @@ def test_a_flow_without_a_prior_field_cannot_be_matched():
 def test_it_is_the_chain_from_its_own_deviation_and_noise():
     algorithm = MafpoWarm(4, 2)
     assert algorithm.actor.as_flow().prior_std == DEVIATION
-    assert algorithm.actor.log_step_noise.exp().tolist() == pytest.approx([STEP_NOISE] * 2)
+    assert algorithm.actor.log_step_noise.exp().tolist() == pytest.approx([MafpoWarm.step_noise] * 2)
     observation, generator = torch.randn(32, 4), torch.Generator().manual_seed(0)
     action, trace = algorithm.explore(observation, generator)
     assert trace.view(32, algorithm.euler_steps + 1, 2)[:, -1].equal(action)

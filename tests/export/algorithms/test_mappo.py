@@ -1,8 +1,5 @@
 """MAPPO against torch.distributions and autograd, and its mean as the flow that robots run."""
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -54,7 +51,6 @@ def test_explores_around_the_mean_with_the_learned_deviation(algorithm):
 
 
 def test_gradient_at_the_old_weights_is_the_policy_gradient(algorithm):
-    algorithm.ppo = replace(algorithm.ppo, entropy_bonus=0.0)
     samples, advantage = explored(algorithm), torch.randn(64)
     likelihood = algorithm.log_likelihood(*samples)
     ratio = algorithm.ratio(likelihood, likelihood.detach())
@@ -70,13 +66,6 @@ def test_clip_stops_the_gradient_outside_the_trust_region_only(algorithm):
     advantage = torch.tensor([1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
     (gradient,) = torch.autograd.grad(algorithm.objective(ratio, advantage).sum(), ratio)
     assert gradient.tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, -1.0, -1.0, -1.0]
-
-
-def test_bonus_is_the_entropy_but_for_its_constant(algorithm):
-    algorithm.ppo = replace(algorithm.ppo, entropy_bonus=0.3)
-    nothing = algorithm.objective(torch.ones(1), torch.zeros(1))
-    entropy = algorithm.actor(torch.zeros(18)).entropy() - math.log(2 * math.pi * math.e)
-    torch.testing.assert_close(nothing[0], 0.3 * entropy)
 
 
 @pytest.fixture

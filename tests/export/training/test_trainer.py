@@ -30,7 +30,7 @@ def make_trainer(algorithm, workers):
     generator = torch.Generator().manual_seed(workers.rank)
     learner = algorithm(18, 2)
     if not isinstance(learner, Mappo):
-        learner.flow = replace(learner.flow, half_precision=False)
+        learner.half_precision = False
     return Trainer(scenario, learner, SETTINGS, generator, workers)
 
 
