@@ -59,6 +59,8 @@ class GuidedAction(msgspec.Struct, frozen=True, gc=False):
     """How far the finished action was moved at tau = 1; mode ``terminal`` only."""
     cut: bool = False
     """Whether the deadline came before the last step."""
+    objective_failed: bool = False
+    """Whether the fault is an objective's: it raised, or has no finite gradient."""
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):

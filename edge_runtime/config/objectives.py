@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.common.signals import is_interrupt
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -87,7 +88,28 @@ def _objective(table: Table, path: Path, key: str, own: Collection[type[Objectiv
         )
     else:
         refuse(path, f"{key}.type", f"unknown objective {name!r}; {allowed}")
-    return to_record({**table, "type": kind.__struct_config__.tag}, kind, path, key)
+    return _made(kind, {**table, "type": kind.__struct_config__.tag}, path, key)
+
+
+def _made(kind: type[Objective], table: Table, path: Path, key: str) -> Objective:
+    """Make an objective; an own one may get anything wrong that a class can."""
+    called = f"{kind.__module__}:{kind.__qualname__}"
+    try:
+        objective = to_record(table, kind, path, key)
+        name = objective.name
+        msgspec.json.encode(objective)  # as its digest, its record and the team's orders do
+    except ConfigError:
+        raise
+    except BaseException as error:
+        raise _own_fault(path, key, f"{called!r} cannot be made", error) from error
+    if not isinstance(name, str):
+        refuse(path, key, f"the name of {called!r} must be a string, got {name!r}")
+    return objective
+
+
+def _own_fault(path: Path, key: str, what: str, error: BaseException) -> BaseException:
+    cause = " ".join(f"{type(error).__name__}: {error}".split())
+    return error if is_interrupt(error) else ConfigError(f"{path}: {key}: {what} ({cause})")
 
 
 def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
@@ -97,8 +119,8 @@ def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
     sys.path.insert(0, beside)
     try:
         kind = getattr(importlib.import_module(module_name), class_name)
-    except Exception as error:  # a user's module may fail in any way while it is imported
-        raise ConfigError(f"{path}: {key}: cannot import {name!r} ({error})") from error
+    except BaseException as error:  # a user's module may fail in any way while it is imported
+        raise _own_fault(path, key, f"cannot import {name!r}", error) from error
     finally:
         sys.path.remove(beside)
     if not (isinstance(kind, type) and issubclass(kind, Objective)):

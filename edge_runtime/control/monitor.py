@@ -36,6 +36,8 @@ class Monitor:
         self.robots = {robot.id: RobotTally() for robot in fleet.robots}
         self.faults: Counter[str] = Counter()
         """Ticks that stopped the robot, by reason."""
+        self.objective_fault = ""
+        """The first fault that was an objective's."""
         self.settled = True
         """Whether the objectives have held long enough to be judged."""
         self.anytime_ticks = 0
@@ -53,6 +55,8 @@ class Monitor:
         self._follow_team(states)
         if self.settled:
             self._judge(states, team)
+        if guided.objective_failed and not self.objective_fault:
+            self.objective_fault = guided.fault
         if command.stop_reason:
             self.faults[command.stop_reason] += 1
         elif guided.steps < self._euler_steps:

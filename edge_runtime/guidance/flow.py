@@ -105,7 +105,7 @@ def _flow(
         try:
             directions, factors = _pulled_back(bound, estimate, left, along_x, along_y, tally)
         except ObjectiveError as error:
-            return GuidedAction(estimate, k, fault=str(error))
+            return GuidedAction(estimate, k, fault=str(error), objective_failed=True)
         x, y = _combined(guide, directions, factors, (vx, vy), tally)
         ax += (vx + x) / total  # eq. 12, an Euler step of eq. 10
         ay += (vy + y) / total
@@ -201,7 +201,9 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
             x, y = cone(required, (1.0,) * len(required), (0.0, 0.0))  # a Newton step
             ax, ay = ax + x, ay + y
     except ObjectiveError as error:
-        return GuidedAction(sampled.action, sampled.steps, fault=str(error), cut=sampled.cut)
+        return GuidedAction(
+            sampled.action, sampled.steps, fault=str(error), cut=sampled.cut, objective_failed=True
+        )
     moved = (ax - sampled.action[0], ay - sampled.action[1])
     return replace(sampled, action=(ax, ay), costs=tuple(costs), correction=moved)
 
@@ -227,4 +229,5 @@ def _usable(sampled: GuidedAction) -> GuidedAction:
     if finite and not sampled.fault:
         return sampled
     fault = sampled.fault if finite else "the policy's velocity is not finite"
-    return GuidedAction((0.0, 0.0), sampled.steps, fault=fault, cut=sampled.cut)
+    failed = finite and sampled.objective_failed
+    return GuidedAction((0.0, 0.0), sampled.steps, fault=fault, cut=sampled.cut, objective_failed=failed)

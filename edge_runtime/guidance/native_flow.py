@@ -27,13 +27,13 @@ def native_flow(
         try:
             numbers = encoded(objective, outlook)
         except ObjectiveError as error:
-            return GuidedAction((0.0, 0.0), 0, fault=str(error))
+            return GuidedAction((0.0, 0.0), 0, fault=str(error), objective_failed=True)
         preview = outlook.preview
         terms.append(Term(kind, factor, preview.position_gain, preview.velocity_gain, numbers))
     sample = sampler.sample(guide.projection, terms, start, deadline_s - time.monotonic(), most_steps)
     if sample.fault >= 0:
         fault = str(not_finite(guide.objectives[sample.fault]))
-        return GuidedAction(sample.action, sample.steps, fault=fault)
+        return GuidedAction(sample.action, sample.steps, fault=fault, objective_failed=True)
     cut = sample.steps < euler_steps
     return GuidedAction(
         sample.action,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from edge_runtime.common.signals import is_interrupt
 from edge_runtime.motion.outlook import Outlook, PredictedMotion
 from edge_runtime.objectives import Objective
 
@@ -22,11 +23,11 @@ def action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) -
     motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
     try:
         cost, d_x, d_y, d_vx, d_vy = objective.evaluate(motion, outlook)
-        gx, gy = shift * d_x + push * d_vx, shift * d_y + push * d_vy
-        finite = math.isfinite(gx + gy)
-    except Exception as error:  # one of the user's own may raise anything
+        # What it computes with may be numbers of another library, which no record could keep.
+        cost, gx, gy = float(cost), float(shift * d_x + push * d_vx), float(shift * d_y + push * d_vy)
+    except BaseException as error:  # one of the user's own may raise anything
         raise _raised(objective, error) from error
-    if not finite:
+    if not math.isfinite(cost + gx + gy):
         raise not_finite(objective)
     return cost, gx, gy
 
@@ -39,14 +40,15 @@ def encoded(objective: Objective, outlook: Outlook) -> Sequence[float]:
     """
     try:
         return objective.encode(outlook)
-    except Exception as error:  # one of the user's own may raise anything
+    except BaseException as error:  # one of the user's own may raise anything
         raise _raised(objective, error) from error
 
 
 def not_finite(objective: Objective) -> ObjectiveError:
-    """An objective without a finite gradient."""
+    """An objective without a finite cost and gradient."""
     return ObjectiveError(f"the gradient of {objective.name} is not finite")
 
 
-def _raised(objective: Objective, error: Exception) -> ObjectiveError:
-    return ObjectiveError(f"objective {objective.name} raised {type(error).__name__}: {error}")
+def _raised(objective: Objective, error: BaseException) -> BaseException:
+    text = f"objective {objective.name} raised {type(error).__name__}: {error}"
+    return error if is_interrupt(error) else ObjectiveError(text)

@@ -39,8 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             say(summary(report, colour=use_colour(sys.stdout)), sys.stdout)
         if flags.animate and report.log:
             _animation().animate_run(report.log, flags.animate)
-    if report.failed:
-        raise FailedError(report.stop_reason)
+    if report.failed or report.objective_fault:
+        raise FailedError(report.stop_reason if report.failed else report.objective_fault)
     return 0
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from edge_runtime.common.realtime import EarlyWake, freeze_garbage
-from edge_runtime.common.signals import StopSignals
+from edge_runtime.common.signals import Overdue, StopSignals
 from edge_runtime.control.bridge import Bridge
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
@@ -118,9 +118,10 @@ def run(
     failure = ""
     try:
         with contextlib.closing(session.watch), LiveLine(sys.stdout, mission.robot_id, monitor, grid):
-            reason = drive(session, bridge, fleet, over)
+            with signals.insist(duration_s):
+                reason = drive(session, bridge, fleet, over)
             bridge.stop(reason)
-    except EdgeError as error:
+    except (EdgeError, Overdue) as error:
         reason = failure = str(error)
     return make_report(
         replace(mission, objective_set=controller.guide.asked),

@@ -48,6 +48,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """Ticks whose sample was cut short by the deadline."""
     faults: dict[str, int]
     """Ticks that stopped the robot, by reason."""
+    objective_fault: str = ""
+    """The first of them that was an objective's; such a run has failed."""
     tick_us: Percentiles
     """From wake-up to the command's departure."""
     stage_us: dict[str, Percentiles]
@@ -105,6 +107,7 @@ def make_report(
         longest_miss_burst=grid.longest_burst,
         anytime_ticks=monitor.anytime_ticks,
         faults=dict(monitor.faults),
+        objective_fault=monitor.objective_fault,
         tick_us=timing.tick_us(),
         stage_us=timing.stage_us(),
         goal_reached=monitor.reached(mission.robot_id),

@@ -2,6 +2,7 @@
 
 import pytest
 
+from edge_runtime.common.signals import StopSignals
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.config.network import CarrierSettings
 from edge_runtime.config.objectives import load_objective_set
@@ -82,6 +83,59 @@ def test_an_own_objective_beside_its_file(write, tmp_path):
     assert complaint(load_objective_set, path).startswith(
         "objectives[0].type: cannot import 'my_rules:KeepRight' ("
     )
+
+
+OWN_MISTAKES = {
+    "Wrong": ("1 / 0", "ZeroDivisionError: division by zero"),
+    "Leaves": ("raise SystemExit(3)", "SystemExit: 3"),
+    "Lacks": ("raise KeyError('line')", "KeyError: 'line'"),
+}
+
+
+def own_objective(name, body):
+    return f"from edge_runtime.objectives import Objective\nclass {name}(Objective, frozen=True):\n{body}" + (
+        "\n    def evaluate(self, motion, outlook): return 0.0, 0.0, 0.0, 0.0, 0.0\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "said"),
+    [
+        *(
+            (name, f"    def __post_init__(self): {code}", f"'mine_{name}:{name}' cannot be made ({cause})")
+            for name, (code, cause) in OWN_MISTAKES.items()
+        ),
+        ("Foreign", "    line: 'Foo' = 1", "'mine_Foreign:Foreign' cannot be made (NameError: name 'Foo' is"),
+        ("Five", "    line: 5 = 1", "'mine_Five:Five' cannot be made (TypeError: Type '5' is not supported)"),
+        ("Numbered", "    name = 5", "the name of 'mine_Numbered:Numbered' must be a string, got 5"),
+        ("Nameless", "    name: object = None", "the name of 'mine_Nameless:Nameless' must be a string, got"),
+        (
+            "Unnamed",
+            "    @property\n    def name(self): return 1 / 0",
+            "'mine_Unnamed:Unnamed' cannot be made",
+        ),
+        ("Opaque", "    line: object = ...", "'mine_Opaque:Opaque' cannot be made (TypeError: "),
+    ],
+)
+def test_an_own_objective_that_cannot_be_made_is_one_line_with_its_name(write, tmp_path, name, body, said):
+    (tmp_path / f"mine_{name}.py").write_text(own_objective(name, body))
+    told = complaint(load_objective_set, write(f"[[objectives]]\ntype = 'mine_{name}:{name}'"))
+    assert told.startswith(f"objectives[0]: {said}")
+
+
+@pytest.mark.parametrize("leaving", ["raise SystemExit(0)", "raise KeyboardInterrupt", "raise GeneratorExit"])
+def test_a_module_that_leaves_while_it_is_imported_is_one_line(write, tmp_path, leaving):
+    module = f"leaves_{leaving[6:12].lower()}"
+    (tmp_path / f"{module}.py").write_text(leaving)
+    with StopSignals():
+        told = complaint(load_objective_set, write(f"[[objectives]]\ntype = '{module}:X'"))
+    assert told.startswith(f"objectives[0].type: cannot import '{module}:X' ({leaving[6:12]}")
+
+
+def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_path):
+    (tmp_path / "slow_one.py").write_text("raise KeyboardInterrupt")
+    with pytest.raises(KeyboardInterrupt):
+        load_objective_set(write("[[objectives]]\ntype = 'slow_one:X'"))
 
 
 @pytest.mark.parametrize(
@@ -261,7 +315,7 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
         ),
         (
             "[[objectives]]\ntype = 'no_such:X'",
-            "objectives[0].type: cannot import 'no_such:X' (No module named",
+            "objectives[0].type: cannot import 'no_such:X' (ModuleNotFoundError: No module named",
         ),
         (
             "[[objectives]]\ntype = 'speed_limit'",

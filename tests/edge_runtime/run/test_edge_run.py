@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from bundles import write_straight_bundle
 from networks import ENGINES
+from waiting import until
 
+from edge_runtime.common.signals import GRACE_S
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError, PolicyError
 from edge_runtime.messages import RobotState
@@ -294,7 +296,7 @@ def test_a_non_finite_gradient_commands_zero(drive, tmp_path):
     )
     (tmp_path / "broken.toml").write_text("[[objectives]]\ntype = 'broken:Broken'")
     code, bridge, path = drive([state(), state()], "--objectives", str(tmp_path / "broken.toml"))
-    assert (code, actions(bridge)) == (0, [(0.0, 0.0)] * 2)
+    assert (code, actions(bridge)) == (1, [(0.0, 0.0)] * 2)
     assert report_of(path)["faults"] == {"the gradient of Broken is not finite": 2}
 
 
@@ -343,11 +345,36 @@ def test_a_link_that_does_not_open_starts_nothing(drive, capsys):
 
 
 RAISING = """
+import numpy as np
 from edge_runtime.objectives import Objective
 class Raising(Objective, frozen=True, kw_only=True):
     def evaluate(self, motion, outlook):
         return 1 / 0
 class Unfinished(Objective, frozen=True, kw_only=True): ...
+class Numpy(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        return np.float32(1.0), np.float32(0.5), np.int64(0), 0.0, np.float64(0.25)
+class LeavesKeyboardInterrupt(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        raise KeyboardInterrupt
+class LeavesSystemExit(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        raise SystemExit
+class LeavesGeneratorExit(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        raise GeneratorExit
+"""
+ENDLESS = """
+from pathlib import Path
+from edge_runtime.objectives import Objective
+class Endless(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        Path({entered!r}).touch()
+        while True:
+            try:
+                sum(range(1000))
+            except Exception:
+                continue
 """
 
 
@@ -358,11 +385,47 @@ def objectives_file(folder, name):
     return str(path)
 
 
-def test_an_objective_that_raises_stops_the_robot_in_that_tick(drive, tmp_path):
+def test_an_objective_that_raises_stops_the_robot_in_that_tick(drive, tmp_path, capsys):
     code, bridge, path = drive([state(), state()], "--objectives", objectives_file(tmp_path, "Raising"))
-    assert code == 0
+    assert code == 1
     assert all(command.action == (0.0, 0.0) for command in bridge.written)
-    assert report_of(path)["faults"] == {"objective Raising raised ZeroDivisionError: division by zero": 2}
+    fault = "objective Raising raised ZeroDivisionError: division by zero"
+    assert report_of(path)["faults"] == {fault: 2}
+    assert capsys.readouterr().err == f"edge-run: {fault}\n"
+
+
+@pytest.mark.parametrize("leaving", ["KeyboardInterrupt", "SystemExit", "GeneratorExit"])
+def test_an_objective_that_leaves_does_not_take_the_loop_along(drive, tmp_path, leaving):
+    code, bridge, path = drive(
+        [state(), state()], "--objectives", objectives_file(tmp_path, f"Leaves{leaving}")
+    )
+    assert (code, len(bridge.written), bridge.stops) == (1, 2, ["duration", "closed"])
+    assert list(report_of(path)["faults"]) == [f"objective Leaves{leaving} raised {leaving}: "]
+
+
+def test_an_objectives_numbers_may_be_another_librarys(drive, tmp_path):
+    code, bridge, _ = drive([state(), state()], "--objectives", objectives_file(tmp_path, "Numpy"))
+    assert (code, len(bridge.written)) == (0, 2)
+    assert {type(number) for command in bridge.written for number in command.action} == {float}
+
+
+@pytest.mark.parametrize("ending", ["time", "signal"])
+def test_an_objective_without_an_end_does_not_keep_the_run_from_its_own(command, tmp_path, ending):
+    entered = tmp_path / "entered"
+    (tmp_path / "endless.py").write_text(ENDLESS.format(entered=str(entered)))
+    (tmp_path / "endless.toml").write_text("[[objectives]]\ntype = 'endless:Endless'")
+    flags = ["--objectives", tmp_path / "endless.toml", "--no-log", "--json", tmp_path / "run.json"]
+    flags += ["--duration", "0.1" if ending == "time" else "100000"]
+    process = subprocess.Popen([*command, *flags], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    until(entered.exists)
+    if ending == "signal":
+        process.send_signal(signal.SIGTERM)
+    _, said = process.communicate()
+    why = "the end of its time" if ending == "time" else "SIGTERM"
+    assert said == f"edge-run: objective Endless raised Overdue: still running {GRACE_S:g} s after {why}\n"
+    assert process.returncode == 1
+    report = report_of(tmp_path / "run.json")
+    assert report["stop_reason"] == ("duration" if ending == "time" else "SIGTERM")
 
 
 def test_an_objective_without_a_cost_is_refused(drive, tmp_path, capsys):
