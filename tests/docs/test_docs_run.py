@@ -18,10 +18,10 @@ from bundle_files import write_bundle
 from doc_pages import PAGES, ROOT, blocks, commands, program
 from logs import record
 from ports import free_port
+from waiting import HANG_S
 
 WORKSTATION = all(map(importlib.util.find_spec, ("torch", "onnx")))
 POLICIES = ROOT / "edge_runtime" / "bundles"
-LONGEST_S = 120.0
 DURATION_S = "0.4"
 
 PARSED_ONLY = {
@@ -148,7 +148,7 @@ def test_a_pages_commands_run_in_its_order(page, folder, log):
         code, told = first(EXPECTED, line) or (0, "")
         done = subprocess.run(
             [sys.executable, "-m", module, *words, *(first(SHORTER, line) or ())],
-            cwd=folder, capture_output=True, text=True, check=False, timeout=LONGEST_S,
+            cwd=folder, capture_output=True, text=True, check=False, timeout=HANG_S,
         )  # fmt: skip
         assert (done.returncode, "Traceback" in done.stderr) == (code, False), f"{line}\n{done.stderr}"
         assert told in done.stdout + done.stderr, line

@@ -101,8 +101,8 @@ class Chassis(AgilexChassis):
     def data(self, frame_id: int) -> list[bytes]:
         return [data for sent_id, data in list(self.frames) if sent_id == frame_id]
 
-    def wait(self, condition) -> None:
-        until(condition, 0.005, lambda: f"frames: {self.frames[-20:]}")
+    def wait(self, condition, by=None) -> None:
+        until(condition, 0.005, lambda: f"frames: {self.frames[-20:]}", by)
 
     def settle(self) -> None:
         """Wait until whatever is under way on the bus has arrived."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from bundles import MANIFEST
 from paths import SUPPORT
 from ports import free_port
+from waiting import HANG_S
 
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
@@ -53,8 +54,8 @@ class Process:
 
     def rest(self):
         """The ticks read in the thread, and the report, of a process that ends by itself."""
-        self.reader.join(20)
-        assert self.process.wait(5) == 0
+        self.reader.join(HANG_S)
+        assert self.process.wait(HANG_S) == 0
         *ticks, report = self.rows
         return ticks, report
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from waiting import HANG_S
 
 import edge_runtime.common.child as child_module
 from edge_runtime.common.child import python_command, start_child
@@ -32,7 +33,7 @@ def test_a_child_speaks_over_its_socket_and_has_what_it_shares(quiet, tmp_path, 
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     ours, theirs = os.pipe()
     connection, process = start_child("echo", Task("one"), theirs, quiet=quiet)
-    assert process.wait(30) == 0
+    assert process.wait(HANG_S) == 0
     text = connection.recv(4096).decode()
     assert text.startswith('{"name":"one"} True ')
     assert connection.recv(1) == b""  # nobody else holds its end

@@ -16,6 +16,7 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from msgspec.structs import replace
+from waiting import HANG_S, until
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
@@ -55,34 +56,30 @@ def drive(tmp_path):
         process.communicate()
 
 
-def wait_for(condition, longest_s=30.0):
-    end = time.monotonic() + longest_s
-    while not (found := condition()):
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    return found
-
-
 def logger_of(process):
     """The process number of the only child."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    return int(wait_for(lambda: children.read_text().split())[0])
+    return int(until(lambda: children.read_text().split(), by=process)[0])
 
 
-def log_in(folder, least_bytes):
+def log_in(folder, least_bytes, process):
     """The log in a folder, once it has grown to a size."""
-    return wait_for(lambda: next((p for p in folder.glob("*.mcap") if p.stat().st_size > least_bytes), None))
+
+    def found():
+        return next((path for path in folder.glob("*.mcap") if path.stat().st_size > least_bytes), None)
+
+    return until(found, by=process)
 
 
 def wait_for_end(pid):
-    wait_for(lambda: not Path(f"/proc/{pid}").exists() or " Z " in Path(f"/proc/{pid}/stat").read_text())
+    until(lambda: not Path(f"/proc/{pid}").exists() or " Z " in Path(f"/proc/{pid}/stat").read_text())
 
 
 def test_killing_the_run_and_its_logger_loses_at_most_a_second(drive, tmp_path):
     """Read by the MCAP library's own reader, to where the file ends."""
     process = drive("--duration", "60")
     logger = logger_of(process)
-    path = log_in(tmp_path, 80_000)
+    path = log_in(tmp_path, 80_000, process)
     killed_ns = time.time_ns()
     os.kill(logger, signal.SIGKILL)
     process.kill()
@@ -103,7 +100,7 @@ def message_times_ns(path):
 def test_killing_the_run_alone_loses_nothing(drive, tmp_path):
     process = drive("--duration", "60")
     logger = logger_of(process)
-    path = log_in(tmp_path, 50_000)
+    path = log_in(tmp_path, 50_000, process)
     process.kill()
     process.wait()
     wait_for_end(logger)
@@ -118,9 +115,9 @@ def test_a_logger_that_dies_or_hangs_leaves_the_loop_alone(drive, tmp_path, numb
     """A stopped logger loses ticks only once the ring is full."""
     process = drive("--duration", "2", "--json", str(tmp_path / "run.json"))
     logger = logger_of(process)
-    path = log_in(tmp_path, 10_000)
+    path = log_in(tmp_path, 10_000, process)
     os.kill(logger, number)
-    text, _ = process.communicate(timeout=30)
+    text, _ = process.communicate(timeout=HANG_S)
     if number == signal.SIGSTOP:
         os.kill(logger, signal.SIGKILL)
     report = json.loads((tmp_path / "run.json").read_bytes())
@@ -136,11 +133,11 @@ def test_signals_meant_for_the_loop_do_not_end_its_logger(drive, tmp_path):
     """systemd sends SIGTERM to all processes of a unit at once."""
     process = drive("--duration", "60")
     logger = logger_of(process)
-    path = log_in(tmp_path, 30_000)
+    path = log_in(tmp_path, 30_000, process)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         os.kill(logger, number)
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=30)
+    process.communicate(timeout=HANG_S)
     *_, last = read_log(path)
     assert (last.stop_reason, last.lost) == ("SIGTERM", 0)
 
@@ -167,7 +164,7 @@ def test_a_run_that_never_began_leaves_no_log(tmp_path, capsys):
     flags = ["--bridge", "mavlink", "--mavlink", "udpin:127.0.0.1:1", "--log-dir", str(tmp_path)]
     assert main(["--robot-id", "0", *flags]) == 2
     assert capsys.readouterr().err
-    wait_for(lambda: not list(tmp_path.iterdir()))
+    until(lambda: not list(tmp_path.iterdir()))
 
 
 def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):

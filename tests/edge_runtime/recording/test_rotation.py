@@ -7,11 +7,11 @@ import os
 import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from logs import record, ticks
+from waiting import HANG_S, until
 
 from edge_runtime.recording import log_file
 from edge_runtime.recording.folder import file_name, make_room, run_name
@@ -95,13 +95,10 @@ def test_a_new_file_keeps_to_the_cap(run, tmp_path):
     assert "robot0_00000005" in names[0] or names[0].startswith(RUN)
 
 
-def only_child(process, longest_s=30.0):
+def only_child(process):
     """The process number of a run's logger, once it is there."""
-    children, end = Path(f"/proc/{process.pid}/task/{process.pid}/children"), time.monotonic() + longest_s
-    while not (found := children.read_text().split()):
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    return int(found[0])
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    return int(until(lambda: children.read_text().split(), by=process)[0])
 
 
 def test_a_disk_that_is_full_stops_the_log_but_not_the_loop(tmp_path):
@@ -110,7 +107,7 @@ def test_a_disk_that_is_full_stops_the_log_but_not_the_loop(tmp_path):
     command = [sys.executable, "-m", "edge_runtime.run", "--robot-id", "0", "--rate", "100", *flags]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as done:
         resource.prlimit(only_child(done), resource.RLIMIT_FSIZE, (50_000, 50_000))
-        output, _ = done.communicate(timeout=60)
+        output, _ = done.communicate(timeout=HANG_S)
     report = json.loads((tmp_path / "run.json").read_bytes())
     (path,) = tmp_path.glob("*.mcap")
     kept = ticks(path)

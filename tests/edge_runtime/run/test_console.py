@@ -7,11 +7,11 @@ import select
 import subprocess
 import sys
 import termios
-import time
 
 import pytest
 from bundles import write_straight_bundle
 from msgspec.structs import replace
+from waiting import HANG_S, until
 
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.run.console import summary, use_colour
@@ -120,17 +120,14 @@ def test_a_terminal_that_takes_no_text_holds_up_nothing(tmp_path):
     controller, terminal = pty.openpty()
     termios.tcflow(terminal, termios.TCOOFF)
     with subprocess.Popen([sys.executable, "-m", "edge_runtime.run", *flags], stdout=terminal) as process:
-        until_s = time.monotonic() + 30
-        while not (report.exists() and report.read_bytes()):  # written after the loop has ended
-            assert process.poll() is None
-            assert time.monotonic() < until_s
-            time.sleep(0.05)
+        until(lambda: report.exists() and report.read_bytes(), by=process)  # written after the loop has ended
+        assert process.poll() is None
         assert not select.select([controller], [], [], 0)[0]
         termios.tcflow(terminal, termios.TCOON)
         shown = b""
         while b"faults" not in shown:
             shown += os.read(controller, 65536)
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=HANG_S) == 0
     os.close(terminal)
     os.close(controller)
     assert b"stopped     duration" in shown

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from bundles import write_straight_bundle
 from networks import ENGINES
-from waiting import until
+from waiting import HANG_S, until
 
 from edge_runtime.common.signals import GRACE_S
 from edge_runtime.control.rate import DeadlineGrid
@@ -108,7 +108,7 @@ def test_signals_end_the_run_in_order(command, tmp_path, number):
     with subprocess.Popen([*command, *flags], stdout=subprocess.PIPE, text=True) as process:
         assert "robot 0" in process.stdout.readline()
         process.send_signal(number)
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=HANG_S) == 0
     assert report_of(tmp_path / "run.json")["stop_reason"] == number.name
 
 
@@ -117,7 +117,7 @@ def test_a_reader_that_goes_away_does_not_end_the_run(command, tmp_path):
     with subprocess.Popen([*command, *flags], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.readline()
         process.stdout.close()
-        assert (process.wait(timeout=20), process.stderr.read()) == (0, b"")
+        assert (process.wait(timeout=HANG_S), process.stderr.read()) == (0, b"")
     assert report_of(tmp_path / "run.json")["stop_reason"] == "duration"
 
 

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from bundles import write_straight_bundle
+from waiting import HANG_S
 
 from edge_runtime.run.final_output import say
 
@@ -40,7 +41,7 @@ def test_a_full_pipe_that_nobody_reads_lets_the_process_end(tmp_path):
         [sys.executable, "-m", "edge_runtime.run", *map(str, flags)], stdout=writer, stderr=subprocess.PIPE
     ) as process:
         try:
-            assert process.wait(timeout=40) == 0
+            assert process.wait(timeout=HANG_S) == 0
         finally:
             process.kill()
         assert process.stderr.read() == b""

@@ -14,7 +14,7 @@ import tty
 import msgspec
 import pytest
 from can_peers import multicast_address, patient_profile, patient_spec
-from waiting import until
+from waiting import HANG_S, until
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
@@ -148,14 +148,16 @@ def test_two_mock_odrives_drive_and_stop():
                 mock.ODriveCANMock(axis, can.Bus(interface="udp_multicast", channel=channel, port=int(port)))
             )
         tasks = [asyncio.create_task(drive.main()) for drive in drives]
+        listening.set()
         while not ending.is_set():
             await asyncio.sleep(0.02)
         for task in tasks:
             task.cancel()
 
-    ending = threading.Event()
+    listening, ending = threading.Event(), threading.Event()
     thread = threading.Thread(target=lambda: asyncio.run(play(ending)))
     thread.start()
+    assert listening.wait(HANG_S)  # the guard asks each drive to enable only once
     profile = patient_profile("odrive_cansimple")
     spec = patient_spec(address, profile, limits=SetpointLimits(1.0, 1.0), allow_unsafe_firmware_timeout=True)
     try:

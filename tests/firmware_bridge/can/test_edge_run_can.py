@@ -8,6 +8,7 @@ import sys
 import pytest
 from bundles import write_straight_bundle
 from can_peers import Chassis, multicast_address
+from waiting import HANG_S
 
 from edge_runtime.run import edge_run as run
 
@@ -36,9 +37,9 @@ def test_edge_run_enables_drives_and_stops_a_chassis(chassis, address, tmp_path)
         ]
     )
     try:
-        chassis.wait(lambda: len(chassis.data(0x111)) > 20)
+        chassis.wait(lambda: len(chassis.data(0x111)) > 20, runtime)
         runtime.send_signal(signal.SIGTERM)
-        assert runtime.wait(20) == 0
+        assert runtime.wait(HANG_S) == 0
     finally:
         runtime.kill()
     assert any(data[:2] != b"\0\0" for data in chassis.data(0x111))

@@ -5,12 +5,12 @@ import errno
 import os
 import pty
 import select
-import time
 import tty
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from waiting import HANG_S, until
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can.frame import Frame
@@ -74,10 +74,10 @@ def line():
 
 
 def read(robot, size):
-    end, received = time.monotonic() + 10, b""
-    while len(received) < size and time.monotonic() < end:
-        with contextlib.suppress(BlockingIOError):
-            received += os.read(robot, size)
+    received = b""
+    while len(received) < size:
+        select.select((robot,), (), (), HANG_S)
+        received += os.read(robot, size)
     return received
 
 
@@ -89,11 +89,7 @@ def test_frames_go_both_ways_and_are_counted(line):
     assert port.send(Frame(0x111, bytes(8)))
     assert [frame[12] for frame in (read(robot, 14), read(robot, 14))] == [0, 1]
     os.write(robot, frame_bytes(Frame(0x221, bytes(range(8))), 0))
-    received = []
-    end = time.monotonic() + 10
-    while not received and time.monotonic() < end:
-        received = list(port.receive())
-    assert received == [Frame(0x221, bytes(range(8)))]
+    assert until(lambda: list(port.receive())) == [Frame(0x221, bytes(range(8)))]
 
 
 def test_a_full_port_drops_and_never_blocks(line):

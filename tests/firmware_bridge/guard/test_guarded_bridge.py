@@ -3,10 +3,10 @@
 import socket
 import subprocess
 import sys
-import time
 
 import pytest
 from guard_fakes import spec
+from waiting import HANG_S
 
 import firmware_bridge.guard.guarded_bridge as bridge_module
 from edge_runtime.errors import BridgeError
@@ -216,9 +216,7 @@ def test_a_guard_that_does_not_end_is_told(guard, monkeypatch):
     with pytest.raises(BridgeError, match="did not end within"), GuardedBridge(spec()) as opened:
         pid = opened.guard_pid
     assert pid > 0
-    end = time.monotonic() + 10
-    while opened._process.poll() is None and time.monotonic() < end:
-        time.sleep(0.02)
+    opened._process.wait(HANG_S)
 
 
 def test_a_bridge_that_was_never_opened():

@@ -11,6 +11,7 @@ import time
 import msgspec
 import pytest
 from guard_fakes import FakeLink, spec
+from waiting import HANG_S
 
 import firmware_bridge.guard.process as guard_module
 from edge_runtime.messages import RobotState
@@ -55,7 +56,7 @@ class Session:
     def __init__(self, runtime_does, **changes) -> None:
         self.runtime, self._child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._child.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
-        self.runtime.settimeout(20)
+        self.runtime.settimeout(HANG_S)
         self._encoded = msgspec.json.encode(spec(**changes)).decode()
         self._does = runtime_does
         self.answers: list[Report | Event] = []
@@ -100,7 +101,7 @@ class Session:
                 break
             except TimeoutError:
                 continue
-        self.runtime.settimeout(20)
+        self.runtime.settimeout(HANG_S)
 
     def events(self) -> list[str]:
         return [answer.text for answer in self.answers if isinstance(answer, Event)]

@@ -63,7 +63,7 @@ def stands_by(chassis):
 def test_enables_before_it_drives(address):
     with Chassis(address) as chassis:
         runtime, _ = start_runtime(patient_spec(address))
-        chassis.wait(drives(chassis))
+        chassis.wait(drives(chassis), runtime)
         runtime.kill()
         chassis.wait(stands_by(chassis))
         runtime.wait()
@@ -77,7 +77,7 @@ def test_enables_before_it_drives(address):
 def test_a_dead_runtime_stops_the_robot(address, number):
     with Chassis(address) as chassis:
         runtime, _ = start_runtime(patient_spec(address, deadline_s=SOON_S))
-        chassis.wait(drives(chassis))
+        chassis.wait(drives(chassis), runtime)
         runtime.send_signal(number)
         chassis.wait(stands_by(chassis))
         frames = list(chassis.frames)
@@ -92,7 +92,7 @@ def test_a_dead_runtime_stops_the_robot(address, number):
 def test_a_thawed_runtime_does_not_drive_again(address):
     with Chassis(address) as chassis:
         runtime, _ = start_runtime(patient_spec(address, deadline_s=SOON_S))
-        chassis.wait(drives(chassis))
+        chassis.wait(drives(chassis), runtime)
         runtime.send_signal(signal.SIGSTOP)
         chassis.wait(stands_by(chassis))
         frames = list(chassis.frames)
@@ -106,7 +106,7 @@ def test_a_thawed_runtime_does_not_drive_again(address):
 def test_signals_to_the_guard_stop_the_robot(address, number):
     with Chassis(address) as chassis:
         runtime, guard = start_runtime(patient_spec(address))
-        chassis.wait(drives(chassis))
+        chassis.wait(drives(chassis), runtime)
         os.kill(guard, number)
         chassis.wait(stands_by(chassis))
         assert runtime.wait(HANG_S) == 1
@@ -116,7 +116,7 @@ def test_signals_to_the_guard_stop_the_robot(address, number):
 def test_a_dead_guard_ends_the_commands_and_the_runtime(address):
     with Chassis(address) as chassis:
         runtime, guard = start_runtime(patient_spec(address))
-        chassis.wait(drives(chassis))
+        chassis.wait(drives(chassis), runtime)
         os.kill(guard, signal.SIGKILL)
         assert runtime.wait(HANG_S) == 1
         chassis.settle()

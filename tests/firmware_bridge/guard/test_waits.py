@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from guard_fakes import FakeLink, spec
+from waiting import HANG_S
 
 import firmware_bridge.guard.process as guard_module
 from firmware_bridge.guard.link import Setpoint
@@ -38,7 +39,7 @@ class Runtime:
     def __init__(self, link, **changes) -> None:
         self.socket, self.guards_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.guards_end.setblocking(False)
-        self.socket.settimeout(20)
+        self.socket.settimeout(HANG_S)
         self._wake, self._signals = socket.socketpair()
         self.failure: Exception | None = None
         self._thread = threading.Thread(target=self._serve, args=(link, spec(arm=False, **changes)))
@@ -69,7 +70,7 @@ class Runtime:
 
     def end(self) -> None:
         self.socket.close()
-        self._thread.join(20)
+        self._thread.join(HANG_S)
         assert not self._thread.is_alive()
 
 

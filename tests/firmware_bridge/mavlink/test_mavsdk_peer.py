@@ -68,7 +68,7 @@ class Peer:
 @pytest.fixture
 def peer():
     peer = Peer()
-    until(lambda: peer.of("up"))
+    until(lambda: peer.of("up"), by=peer.process)
     yield peer
     peer.close()
 

@@ -8,6 +8,7 @@ import subprocess
 
 import pytest
 from paths import SUPPORT
+from waiting import HANG_S
 
 from firmware_bridge.mavlink.decoder import Decoder
 from firmware_bridge.mavlink.encoder import Encoder
@@ -31,7 +32,7 @@ pytestmark = [
 
 def node(*arguments, frames=b""):
     command = [NODE, str(PEERS / "mavlink_peer.mjs"), *arguments]
-    return subprocess.run(command, input=frames, capture_output=True, check=True, timeout=120).stdout
+    return subprocess.run(command, input=frames, capture_output=True, check=True, timeout=HANG_S).stdout
 
 
 def frames_of(output):

@@ -14,6 +14,7 @@ from functools import partial
 import pytest
 from paths import ROOT, SUPPORT
 from socketcan.boot import LONGEST_S, SHIM
+from waiting import HANG_S
 
 from benchmarks.sil.clock import own_clock
 
@@ -77,7 +78,7 @@ def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG_S,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr

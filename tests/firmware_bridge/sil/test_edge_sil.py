@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from waiting import HANG_S
 
 import edge_runtime
 from edge_runtime.common.signals import StopSignals
@@ -154,7 +155,7 @@ def run(folder, *flags, faults=""):
         flags += ["--faults", folder / "faults.toml"]
     environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
     done = subprocess.run(
-        [*SIL, *map(str, flags)], check=False, capture_output=True, text=True, env=environment, timeout=120
+        [*SIL, *map(str, flags)], check=False, capture_output=True, text=True, env=environment, timeout=HANG_S
     )
     assert started_by(folder / "tmp") == []
     assert list((folder / "tmp").iterdir()) == []
@@ -264,7 +265,7 @@ def test_no_process_outlives_the_harness(folder, number):
             assert harness.poll() is None and time.monotonic() < end
             time.sleep(0.05)
         harness.send_signal(number)
-        _, words = harness.communicate(timeout=60)
+        _, words = harness.communicate(timeout=HANG_S)
     await_none(folder / "tmp")
     if number == signal.SIGINT:
         assert harness.returncode == 1
@@ -280,7 +281,7 @@ def test_a_signal_among_the_starts_ends_them(folder):
             assert harness.poll() is None
             time.sleep(0.01)
         harness.send_signal(signal.SIGTERM)
-        _, words = harness.communicate(timeout=60)
+        _, words = harness.communicate(timeout=HANG_S)
     assert (harness.returncode, words) == (1, "edge-sil: ended by SIGTERM\n")
     assert list((folder / "tmp").iterdir()) == []
     await_none(folder / "tmp")

@@ -6,6 +6,7 @@ import time
 from contextlib import ExitStack
 
 import pytest
+from waiting import HANG_S
 
 from firmware_bridge.sil.network.disturbance import RETRANSMISSION_S, Disturbance
 from firmware_bridge.sil.network.relay import Line, Relay, RelaySpec
@@ -15,7 +16,6 @@ from firmware_bridge.sil.scenario.team_file import on_network, resolved
 
 ROBOTS = (2, 5, 7)
 HOST = "127.0.0.1"
-PATIENCE_S = 10.0
 
 
 def table(**carrier):
@@ -82,7 +82,7 @@ class Running:
 def udp(stack, port=0):
     one = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     one.bind((HOST, port))
-    one.settimeout(PATIENCE_S)
+    one.settimeout(HANG_S)
     return one
 
 
@@ -98,7 +98,7 @@ def test_a_tunnel_carries_datagrams_and_a_stream_both_ways():
             assert packet == b"up%d" % number
             robot.sendto(b"down%d" % number, place)
             assert link.recv(99) == b"down%d" % number
-        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), HANG_S))
         server, _ = listener.accept()
         stack.enter_context(server)
         for one, other in ((client, server), (server, client)):
@@ -113,20 +113,20 @@ def test_a_stream_whose_ends_close_at_once_takes_nothing_with_it():
     with ExitStack() as stack:
         listener = stack.enter_context(socket.create_server((HOST, robot_port)))
         relay = Relay(RelaySpec((), (Tunnel(5, 2, relay_port, robot_port),), (), 1, False))
-        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), HANG_S))
         relay.pass_on()
         server, _ = listener.accept()
         server.close()
         client.close()
         relay.pass_on()  # hears of both ends together
-        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), HANG_S))
         relay.pass_on()
         server, _ = listener.accept()
         stack.enter_context(server)
         client.sendall(b"still here")
         relay.pass_on()
         relay.pass_on()  # delivers what the first one held
-        server.settimeout(PATIENCE_S)
+        server.settimeout(HANG_S)
         assert server.recv(99) == b"still here"
 
 
@@ -137,7 +137,7 @@ def test_a_blackout_stops_datagrams_and_holds_a_stream_until_it_is_over():
         listener = stack.enter_context(socket.create_server((HOST, robot_port)))
         dark = Blackout(at_s=0.0, for_s=2.0, robots=(5,))
         running = Running(stack, (dark,), tunnels=(Tunnel(5, 2, relay_port, robot_port),))
-        client = stack.enter_context(socket.create_connection((HOST, relay_port), PATIENCE_S))
+        client = stack.enter_context(socket.create_connection((HOST, relay_port), HANG_S))
         server, _ = listener.accept()
         stack.enter_context(server)
         running.relay.queue.t0_s = begin_s = time.monotonic()

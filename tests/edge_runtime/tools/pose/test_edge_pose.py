@@ -14,6 +14,7 @@ import pytest
 from fleet_processes import mission, robot
 from natnet_packets import frame, rigid_body, server_info
 from ports import free_port
+from waiting import HANG_S, until
 
 from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
@@ -45,16 +46,19 @@ def path(tmp_path, place):
     return file
 
 
-def watch(path, seconds, until=lambda _: False):
-    """The states that robot 0 takes itself to be in, tick by tick."""
+def watch(path, arrived):
+    """The states that robot 0 takes itself to be in, tick by tick, until one is as wanted."""
+    seen = []
+
+    def look():
+        own = link.locate(RobotState(0, time.monotonic(), (9.0, 9.0), (9.0, 9.0)))
+        if own:
+            seen.append(own)
+        return own and arrived(own)
+
     with open_fleet(mission(path), Alone()) as link:
-        seen, end_s = [], time.monotonic() + seconds
-        while time.monotonic() < end_s and not (seen and until(seen[-1])):
-            time.sleep(0.005)
-            own = link.locate(RobotState(0, time.monotonic(), (9.0, 9.0), (9.0, 9.0)))
-            if own:
-                seen.append(own)
-        return seen
+        until(look, pause_s=0.005)
+    return seen
 
 
 def test_the_velocity_of_a_straight_line_is_its_slope():
@@ -103,8 +107,8 @@ def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
         target=lambda: codes.append(command._serve(command.make_parser().parse_args(flags), str))
     )
     player.start()
-    seen = watch(path, 20.0, lambda own: own.position_m[0] > 0.1)
-    player.join(20)
+    seen = watch(path, lambda own: own.position_m[0] > 0.1)
+    player.join(HANG_S)
     assert not player.is_alive()
     assert len({own.position_m for own in seen}) > 10
     for own in seen:
@@ -178,7 +182,7 @@ def published(path, place, motive):
 def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
     with Motive(version) as motive:
         with published(path, place, motive) as feed:
-            seen = watch(path, 20.0, bool)
+            seen = watch(path, bool)
         assert motive.kept_alive >= 1
     assert seen[-1].position_m == pytest.approx((0.5, 2.0))
     assert seen[-1].velocity_m_s == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -190,18 +194,18 @@ def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
 def test_a_group_is_joined_where_the_server_is_reached(path, place):
     """On loopback here, whatever the machine's way to everywhere else is."""
     with Motive(group=("239.255.42.99", free_port()[1])) as motive, published(path, place, motive):
-        assert watch(path, 20.0, bool)
+        assert watch(path, bool)
 
 
 def test_a_network_that_is_gone_for_a_while_is_waited_for(path, place, monkeypatch):
     with Motive() as motive, published(path, place, motive) as feed:
-        assert watch(path, 20.0, bool)
+        assert watch(path, bool)
         gone = Gone(feed._command)
         monkeypatch.setattr(feed, "_command", gone)
         monkeypatch.setattr(feed, "_data", gone)
-        assert gone.failed.wait(20.0)
+        assert gone.failed.wait(HANG_S)
         gone.there = True
-        assert watch(path, 20.0, bool)
+        assert watch(path, bool)
 
 
 class Gone:
@@ -235,9 +239,9 @@ def test_a_server_that_started_anew_is_asked_again(path, place, monkeypatch):
     with contextlib.ExitStack() as stack:
         with Motive() as motive:
             stack.enter_context(published(path, place, motive))
-            assert watch(path, 20.0, bool)
+            assert watch(path, bool)
         with Motive(port=motive.port):
-            assert watch(path, 20.0, bool)
+            assert watch(path, bool)
 
 
 def robots(path):

@@ -15,6 +15,7 @@ import pytest
 from bundles import MANIFEST
 from msgspec.structs import replace
 from ports import free_port
+from waiting import HANG_S
 from watch_fakes import KEY, status
 
 from edge_runtime.config.fleet import load_fleet
@@ -90,7 +91,7 @@ def test_a_robot_tells_of_itself_a_few_times_a_second(sender, host):
         pytest.skip(f"{host} is not available here")
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(address)
-        receiver.settimeout(5)
+        receiver.settimeout(HANG_S)
         robot = sender(address, lambda: now[0])
         for tick in range(50):
             now[0] = 0.02 * tick
@@ -119,7 +120,7 @@ def test_what_the_network_does_not_take_is_counted(sender):
 def test_objectives_that_are_exchanged_are_told(sender, fleet, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(5)
+        receiver.settimeout(HANG_S)
         robot = sender(receiver.getsockname(), lambda: 0.0)
         slower = tmp_path / "slower.toml"
         slower.write_text(fleet.read_text().replace("0.3", "0.1"))
@@ -185,7 +186,7 @@ def test_a_pipe_gets_plain_lines_and_a_signal_ends_them(fleet):
             team.say(0, 1)
             shown += arrived(process.stdout.fileno()).decode()
         process.send_signal(signal.SIGTERM)
-        assert (process.wait(timeout=20), process.stderr.read()) == (0, "")
+        assert (process.wait(timeout=HANG_S), process.stderr.read()) == (0, "")
     assert "\x1b" not in shown
 
 
