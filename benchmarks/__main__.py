@@ -13,7 +13,7 @@ COMMANDS = {
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
     "modes": "benchmarks.paper.modes.modes_command",
-    "page": "benchmarks.result_page",
+    "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
     "pictures": "benchmarks.pictures",
     "recording": "benchmarks.recording",

@@ -23,8 +23,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.result_file import write_result
-from benchmarks.result_page import add_html_flag, check_writable, page, table, write_html
+from benchmarks.common.result_file import write_result
+from benchmarks.common.result_page import add_html_flag, check_writable, page, table, write_html
 from edge_runtime.common.child import python_command
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.controller import Controller

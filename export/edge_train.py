@@ -12,7 +12,7 @@ from edge_runtime.common.command_line import CommandParser, command, complain
 from edge_runtime.common.flag_types import whole_number
 from edge_runtime.errors import EdgeError, FailedError
 from export.algorithms.base import TrainingSettings
-from export.distributed import join, launch
+from export.common.distributed import join, launch
 from export.scenarios import SCENARIOS
 from export.training.lock import locked
 from export.training.progress import ProgressView

@@ -9,7 +9,7 @@ import sys
 import pytest
 from paths import ROOT
 
-from edge_runtime.commands import COMMANDS
+from edge_runtime.common.commands import COMMANDS
 from edge_runtime.completion.completion import script
 
 PYPROJECT = (ROOT / "pyproject.toml").read_text()
@@ -74,13 +74,15 @@ def test_a_wrong_flag_is_one_line_and_exit_code_2(helped):
 
 
 def test_every_command_has_an_installed_script():
-    scripts = dict(re.findall(r'^(edge-\w+) = "edge_runtime.commands:(\w+)"$', PYPROJECT, re.MULTILINE))
+    scripts = dict(
+        re.findall(r'^(edge-\w+) = "edge_runtime\.common\.commands:(\w+)"$', PYPROJECT, re.MULTILINE)
+    )
     assert scripts == {name: name.replace("-", "_") for name in COMMANDS}
 
 
 def script_of(name, before=""):
     """What an installed script does, after ``before``."""
-    return [sys.executable, "-c", f"{before}\nfrom edge_runtime.commands import {name} as go; go()"]
+    return [sys.executable, "-c", f"{before}\nfrom edge_runtime.common.commands import {name} as go; go()"]
 
 
 @pytest.fixture(params=SCRIPTS)

@@ -15,14 +15,14 @@ from pathlib import Path
 
 from rich.progress import Progress
 
+from benchmarks.common.result_file import read_result, replaced, write_result
+from benchmarks.common.result_page import add_html_flag, check_writable, write_html
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import CanRobot, MavlinkRobot
 from benchmarks.faults.rows import FaultRow, draw, faults_table, measured, render, timed
 from benchmarks.faults.trials import FAULTS, Fault, Stop, run_trial, undisturbed
-from benchmarks.result_file import read_result, replaced, write_result
-from benchmarks.result_page import add_html_flag, check_writable, write_html
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 COMMANDS_A_TRIAL = 5000

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from benchmarks.result_page import page, table
+from benchmarks.common.result_page import page, table
 from edge_runtime.tools.report.page import chart
 
 DRAWN_MS = 100.0

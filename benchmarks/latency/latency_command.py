@@ -4,6 +4,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.common.result_file import read_result, write_result
+from benchmarks.common.result_page import add_html_flag, check_writable, write_html
 from benchmarks.latency import footprint, limit, machine, paced
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
@@ -14,8 +16,6 @@ from benchmarks.latency.measure import Timing, interleave
 from benchmarks.latency.rows import LatencyRow, compare, make_rows
 from benchmarks.latency.sweeps import CONTENDERS as SWEPT
 from benchmarks.latency.sweeps import SWEEPS
-from benchmarks.result_file import read_result, write_result
-from benchmarks.result_page import add_html_flag, check_writable, write_html
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.compiled_policy import load_kernel
 

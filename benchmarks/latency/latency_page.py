@@ -4,13 +4,13 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
+from benchmarks.common.result_page import page, table
 from benchmarks.latency.budgets import Verdict
 from benchmarks.latency.cases import Case
 from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
 from benchmarks.latency.machine import Machine
 from benchmarks.latency.rows import LatencyRow
-from benchmarks.result_page import page, table
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):

@@ -30,6 +30,8 @@ import numpy as np
 import torch
 from msgspec import structs
 
+from benchmarks.common.result_file import write_result
+from benchmarks.common.result_page import table
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.judges import Flags, Judge, Outcome
 from benchmarks.paper.methods import decider
@@ -37,8 +39,6 @@ from benchmarks.paper.policies import POLICIES, find_policy
 from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Descent, Shield
 from benchmarks.paper.tasks import Task, make_task
-from benchmarks.result_file import write_result
-from benchmarks.result_page import table
 from edge_runtime.policy.bundle import Bundle, load_bundle
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING, Definition
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, SPAWN_DISTANCE_M

@@ -11,13 +11,13 @@ import msgspec
 import torch
 from rich.progress import Progress
 
+from benchmarks.common.result_file import read_result, write_result
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.frequency import control_frequency
 from benchmarks.paper.methods import decider
 from benchmarks.paper.policies import digest, find_policy
 from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.tasks import TASKS
-from benchmarks.result_file import read_result, write_result
 from edge_runtime.policy.bundle import load_bundle
 from export.scenarios.definitions import DEFINITIONS
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.common.result_page import page
 from benchmarks.paper.figures import draw_scales, draw_steps
 from benchmarks.paper.policies import FIRST_FRESH_SEED
 from benchmarks.paper.rows import Row
@@ -10,7 +11,6 @@ from benchmarks.paper.tables import metrics_table, success_table, tests_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.trajectories import draw_trajectories
 from benchmarks.paper.tuning import tuned_default
-from benchmarks.result_page import page
 
 
 def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -> str:

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
+from benchmarks.common.result_page import table
 from benchmarks.paper.candidates import ALONE, METHODS
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tasks import TASKS, Metric
-from benchmarks.result_page import table
 
 PAPER_SUCCESS = {
     "CFPG": (88.71, 38.20, 71.00),

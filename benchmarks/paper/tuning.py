@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import torch
 
+from benchmarks.common.result_file import read_result, write_result
 from benchmarks.paper.candidates import candidates
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import decider
@@ -17,7 +18,6 @@ from benchmarks.paper.policies import find_policy
 from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Guided, Settings
 from benchmarks.paper.tasks import TASKS, Task
-from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle
 

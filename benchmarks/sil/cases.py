@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from edge_runtime.control.rate import Percentiles
-from firmware_bridge.sil.measurement.report import RobotQuality, SilReport
+from firmware_bridge.sil.report.records import RobotQuality, SilReport
 
 Judge = Callable[[SilReport], Iterator[str]]
 """Yields what was not seen; nothing if all was."""

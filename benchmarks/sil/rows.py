@@ -6,11 +6,11 @@ from pathlib import Path
 
 import msgspec
 
-from benchmarks.result_file import read_result, replaced, write_result
-from benchmarks.result_page import table, table_head, table_line
+from benchmarks.common.result_file import read_result, replaced, write_result
+from benchmarks.common.result_page import table, table_head, table_line
 from benchmarks.sil.cases import Case, Late
 from edge_runtime.network.team_wire import FRAME_BYTES
-from firmware_bridge.sil.measurement.report import SilReport
+from firmware_bridge.sil.report.records import SilReport
 
 ATTEMPTS = 3
 """Runs of a case that only come late, or that the machine disturbs."""

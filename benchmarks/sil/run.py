@@ -12,7 +12,7 @@ from benchmarks.sil.cases import Case
 from benchmarks.sil.clock import own_clock
 from edge_runtime.common.child import python_command
 from edge_runtime.errors import BridgeError
-from firmware_bridge.sil.measurement.report import SilReport
+from firmware_bridge.sil.report.records import SilReport
 from firmware_bridge.sil.scenario.team_file import write_key
 
 FLEETS = Path(edge_runtime.__file__).parent / "fleets"

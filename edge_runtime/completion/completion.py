@@ -10,8 +10,8 @@ from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from edge_runtime.commands import COMMANDS
 from edge_runtime.common.command_line import CommandParser, command, need
+from edge_runtime.common.commands import COMMANDS
 from edge_runtime.run.bridges import BRIDGES
 from edge_runtime.run.flags import make_parser as make_run_parser
 

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from export.distributed import Workers
+from export.common.distributed import Workers
 
 VARIANCE_FLOOR = 1e-4
 """Keeps a component that hardly varies (a range sensor that sees nobody) from being blown up."""

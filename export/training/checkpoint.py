@@ -12,7 +12,7 @@ import torch
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import FlowStart, Training
 from export.algorithms.networks import Actor, FlowNetwork
-from export.atomic import write_atomic
+from export.common.atomic import write_atomic
 
 CHECKPOINT = "checkpoint.pt"
 BEST = "best.pt"

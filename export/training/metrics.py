@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from export.atomic import write_atomic
+from export.common.atomic import write_atomic
 
 mpl.use("Agg")
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from export.algorithms.base import Algorithm
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios.scenario import EpisodeMetrics, Scenario, Transition
 
 

@@ -11,7 +11,7 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios import make_scenario
 from export.scenarios.scenario import EpisodeMetrics
 from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy

@@ -10,7 +10,7 @@ from export.algorithms.base import Algorithm, TrainingSettings
 from export.algorithms.gae import advantages
 from export.algorithms.moments import RunningMoments
 from export.algorithms.networks import Critic, team_views
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios.scenario import EpisodeMetrics, Scenario
 from export.training.rollout import Collector, Rollout
 

@@ -3,7 +3,7 @@
 import torch
 
 from export.algorithms.base import Algorithm
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios import make_scenario
 from export.scenarios.scenario import EpisodeMetrics
 from export.training.rollout import evaluate

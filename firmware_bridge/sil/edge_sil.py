@@ -26,7 +26,7 @@ from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.judge.judge import judge
 from firmware_bridge.sil.judge.table import table
 from firmware_bridge.sil.measurement.processes import ProcessGroup
-from firmware_bridge.sil.measurement.report import SilReport
+from firmware_bridge.sil.report.records import SilReport
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS
 from firmware_bridge.sil.scenario.scenario import Request, Scenario, prepare
 

@@ -7,6 +7,7 @@ import pytest
 from networks import ENGINES, needs_kernel
 
 from benchmarks import __main__ as entry
+from benchmarks.common.result_file import read_result, write_result
 from benchmarks.latency import budgets, limit, machine, paced
 from benchmarks.latency import latency_command as command
 from benchmarks.latency.budgets import Budget, judge, load_budgets
@@ -17,7 +18,6 @@ from benchmarks.latency.latency_page import Footprint, Result, render
 from benchmarks.latency.measure import Slot, Timing, interleave, stolen_share
 from benchmarks.latency.rows import LatencyRow, compare, make_row
 from benchmarks.latency.sweeps import Sweep
-from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError, PolicyError
 
 TINY = Case(layers=(16, 16), observation_dim=5, euler_steps=3)

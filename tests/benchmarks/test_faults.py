@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.common.result_file import replaced
 from benchmarks.faults.bad_commands import bad_numbers, count_passed
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
@@ -14,7 +15,6 @@ from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import PERIOD_S, SPEED_M_S, CanRobot, MavlinkRobot
 from benchmarks.faults.rows import FaultRow, faults_table, measured, timed
 from benchmarks.faults.trials import FAULTS, run_trial, undisturbed
-from benchmarks.result_file import replaced
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard import core as guard_core
 from firmware_bridge.guard.link import SetpointLimits

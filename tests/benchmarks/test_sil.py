@@ -8,7 +8,7 @@ from benchmarks.sil.cases import cases, soak
 from benchmarks.sil.rows import ATTEMPTS, Page, failed, keep, line, row_of, settled_row, size_of
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.network.team_wire import FRAME_BYTES
-from firmware_bridge.sil.measurement.report import FaultDone, ProcessCost
+from firmware_bridge.sil.report.records import FaultDone, ProcessCost
 
 CASES = {case.name: case for case in (*cases(), soak())}
 HALT = ((1.95, 4.05),)

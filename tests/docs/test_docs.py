@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from doc_pages import PAGES, ROOT, blocks, commands, program
 
-from edge_runtime.commands import COMMANDS
+from edge_runtime.common.commands import COMMANDS
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.objectives import BUILT_IN

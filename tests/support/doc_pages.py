@@ -6,7 +6,7 @@ import shlex
 from paths import ROOT
 
 from benchmarks.__main__ import COMMANDS as BENCHMARKS
-from edge_runtime.commands import COMMANDS
+from edge_runtime.common.commands import COMMANDS
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 

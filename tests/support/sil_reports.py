@@ -1,7 +1,7 @@
 """Reports of runs in the loop, as a test wants them."""
 
 from edge_runtime.control.rate import Percentiles
-from firmware_bridge.sil.measurement.report import (
+from firmware_bridge.sil.report.records import (
     MachineQuality,
     Quality,
     RobotQuality,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 
 from export.algorithms.base import TrainingSettings
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.training.request import Request
 from export.training.run import TrainingRun
 

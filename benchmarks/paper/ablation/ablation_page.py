@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.common.result_page import page, table
 from benchmarks.paper.ablation.variants import Variant
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import summarise
 from benchmarks.paper.tasks import TASKS, Metric
-from benchmarks.result_page import page, table
 
 Answered = Sequence[tuple[Variant, Sequence[Row]]]
 """Variants with their rows, a seed each; the reference first."""

@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 import torch
 
+from benchmarks.common.result_file import write_result
+from benchmarks.common.result_page import table
 from benchmarks.paper.evaluation import commit
 from benchmarks.paper.methods import decider
 from benchmarks.paper.modes.meetings import Meetings, meet
@@ -16,8 +18,6 @@ from benchmarks.paper.policies import POLICIES, digest, find_policy
 from benchmarks.paper.settings import UNGUIDED, Mean, Settings
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import tuned_default
-from benchmarks.result_file import write_result
-from benchmarks.result_page import table
 from edge_runtime.policy.bundle import load_bundle
 from export.scenarios.navigation import FACTS
 

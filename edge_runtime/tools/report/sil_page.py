@@ -11,7 +11,7 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
-from firmware_bridge.sil.measurement.report import Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport
 
 LARGEST_REPORT: Final = 1 << 24
 """Bytes."""

@@ -21,12 +21,12 @@ from firmware_bridge.sil.harness.robots import MODULE, log_folder, open_operator
 from firmware_bridge.sil.measurement import wake_probe
 from firmware_bridge.sil.measurement.process_meter import PERIOD_S, Meter
 from firmware_bridge.sil.measurement.processes import Child, ProcessGroup
-from firmware_bridge.sil.measurement.report import ProcessCost
 from firmware_bridge.sil.measurement.robot_log import RobotLog, read_robot_log
 from firmware_bridge.sil.measurement.wake_probe import ProbeRecord
 from firmware_bridge.sil.network import attacker, relay
 from firmware_bridge.sil.network.attacker import HostileSpec
 from firmware_bridge.sil.network.relay import Line, RelaySpec
+from firmware_bridge.sil.report.records import ProcessCost
 from firmware_bridge.sil.scenario.faults import CpuHog, Hostile
 from firmware_bridge.sil.scenario.scenario import Scenario
 from firmware_bridge.sil.scenario.start_gate import RunStart

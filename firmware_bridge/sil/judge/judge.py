@@ -19,7 +19,7 @@ from firmware_bridge.sil.judge.figures import (
     pose_ages,
 )
 from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
-from firmware_bridge.sil.measurement.report import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
 from firmware_bridge.sil.scenario.faults import Lasting
 from firmware_bridge.sil.scenario.scenario import Scenario
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from edge_runtime.control.rate import Percentiles
-from firmware_bridge.sil.measurement.report import Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport
 
 _COLOURS = {"passed": 32, "failed": 31, "invalid": 33}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from firmware_bridge.sil.measurement.report import MachineQuality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import MachineQuality, RobotQuality, SilReport
 from firmware_bridge.sil.scenario.limits import MachineLimits, RunLimits
 
 

@@ -1,7 +1,7 @@
 """Samples what every process costs, once a second while a run lasts."""
 
 from firmware_bridge.sil.measurement.processes import ProcessGroup, Usage, machine_busy_s, usage
-from firmware_bridge.sil.measurement.report import ProcessCost
+from firmware_bridge.sil.report.records import ProcessCost
 
 PERIOD_S = 1.0
 SETTLING_SHARE = 0.25

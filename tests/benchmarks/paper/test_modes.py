@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.common.result_file import read_result
 from benchmarks.paper.methods import decider
 from benchmarks.paper.modes import modes_command as modes
 from benchmarks.paper.modes.meetings import HALF_WAY_M, MeetingJudge, Meetings, head_on, meet
@@ -14,7 +15,6 @@ from benchmarks.paper.modes.modes_command import RESULTS, SCENES, MeetingRow, mo
 from benchmarks.paper.modes.picture import along
 from benchmarks.paper.settings import UNGUIDED, Mean
 from benchmarks.paper.tasks import TASKS
-from benchmarks.result_file import read_result
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import packaged_bundle
 from export.scenarios.scenario import Transition

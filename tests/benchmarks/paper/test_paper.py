@@ -11,6 +11,7 @@ import torch
 from msgspec import structs
 from scipy import stats
 
+from benchmarks.common.result_file import read_result, write_result
 from benchmarks.paper import evaluation
 from benchmarks.paper import paper_command as command
 from benchmarks.paper.baselines import descend, shield
@@ -26,7 +27,6 @@ from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tables import success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen, read_tuned
-from benchmarks.result_file import read_result, write_result
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet

@@ -9,7 +9,7 @@ import torch
 from export.algorithms import mafpo_warm
 from export.algorithms.mafpo_warm import DEVIATION, MafpoWarm, match
 from export.algorithms.networks import FlowNetwork
-from export.distributed import Workers
+from export.common.distributed import Workers
 
 STEPS = 100
 """Euler steps of a sample; enough to tell the flow from its discretisation."""

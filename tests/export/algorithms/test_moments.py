@@ -1,7 +1,7 @@
 import torch
 
 from export.algorithms.moments import RunningMoments
-from export.distributed import Workers
+from export.common.distributed import Workers
 
 
 def test_batches_of_any_size_add_up_to_all_samples():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.policy.weights import FlowWeights
 from export.algorithms.networks import Critic, FlowNetwork
-from export.distributed import Workers
+from export.common.distributed import Workers
 
 ACTIVATIONS = {"tanh": np.tanh, "silu": lambda x: x / (1 + np.exp(-x))}
 

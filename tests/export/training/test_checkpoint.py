@@ -6,7 +6,7 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.networks import FlowNetwork
-from export.atomic import write_atomic
+from export.common.atomic import write_atomic
 from export.training.checkpoint import PolicyFacts, load, load_policy, save, save_policy
 
 FACTS = PolicyFacts("navigation", "mafpo", 3, 12_800, "unknown", 0.5, euler_steps=10)

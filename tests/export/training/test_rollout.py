@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from export.algorithms.mafpo import Mafpo
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios import make_scenario
 from export.scenarios.scenario import Transition
 from export.training.rollout import Collector, EpisodeTally, evaluate

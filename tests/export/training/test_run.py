@@ -14,7 +14,7 @@ from training_runs import SETTINGS, request, same, train
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.mafpo_warm import MafpoWarm, match
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.training import warm_start
 from export.training.checkpoint import load, load_policy
 from export.training.request import ALGORITHMS, check_request

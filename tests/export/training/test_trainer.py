@@ -9,7 +9,7 @@ from export.algorithms.base import TrainingSettings
 from export.algorithms.mafpo import Mafpo
 from export.algorithms.mafpo_chain import MafpoChain
 from export.algorithms.mappo import Mappo
-from export.distributed import Workers, join, launch
+from export.common.distributed import Workers, join, launch
 from export.scenarios import make_scenario
 from export.training.rollout import Rollout
 from export.training.trainer import Trainer

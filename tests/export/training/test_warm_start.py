@@ -10,7 +10,7 @@ from training_runs import SETTINGS, request, same, train
 from edge_runtime.errors import ConfigError
 from export import edge_train as command
 from export.algorithms.mafpo_warm import MafpoWarm, match
-from export.distributed import Workers
+from export.common.distributed import Workers
 from export.scenarios import make_scenario, scenario_facts
 from export.training import warm_start
 from export.training.checkpoint import load, load_policy

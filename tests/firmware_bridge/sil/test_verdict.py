@@ -8,7 +8,7 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from firmware_bridge.sil.judge.table import table
 from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
-from firmware_bridge.sil.measurement.report import (
+from firmware_bridge.sil.report.records import (
     ProcessCost,
 )
 from firmware_bridge.sil.scenario.limits import (

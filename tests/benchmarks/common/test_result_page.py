@@ -6,14 +6,14 @@ import re
 import pytest
 from paths import ROOT
 
+from benchmarks.common.result_file import read_result
+from benchmarks.common.result_page import main, make_page, table, write_html
 from benchmarks.faults.rows import FaultRow
 from benchmarks.faults.rows import draw as draw_faults
 from benchmarks.faults.rows import render as render_faults
 from benchmarks.recording import Overhead
 from benchmarks.recording import draw as draw_recording
 from benchmarks.recording import render as render_recording
-from benchmarks.result_file import read_result
-from benchmarks.result_page import main, make_page, table, write_html
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import Figure, Note, Table, Verdict, render
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from export.atomic import write_atomic
+from export.common.atomic import write_atomic
 
 Result = TypeVar("Result")
 Row = TypeVar("Row")

@@ -1,0 +1,1 @@
+"""What all measurements share: their files, and the page that shows them."""
