@@ -1,7 +1,7 @@
 """Bounds on what files may say: finite numbers can be absurd, and would become infinite on the way."""
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
@@ -9,6 +9,8 @@ GREATEST: Final = 1e6
 """Of any length, speed, weight or factor, in SI units: far beyond every robot, far from overflow."""
 GREATEST_SPEED_M_S: Final = 1e3
 """Of any robot that tells its motion."""
+Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
+"""A number of a message from another machine, times since 1970 included: neither infinite nor NaN."""
 
 
 def is_motion(x_m: float, y_m: float, v_x_m_s: float, v_y_m_s: float) -> bool:

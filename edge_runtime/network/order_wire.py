@@ -1,25 +1,23 @@
-"""What an operator sends to a robot, and what it answers: MessagePack between a magic and an HMAC-SHA256.
+"""What an operator sends to a robot, and what it answers: sealed MessagePack.
 
 No message acts twice or later: an order names the operator's session, the robot's boot and when it expires
 by the robot's own clock, both of which the operator has from the robot's answer; an answer repeats the
 session, a random number, and the number of the message that it answers.
 """
 
-import hmac
 from typing import Annotated, Final, Literal
 
 import msgspec
 
-from edge_runtime.network.team_wire import LAST_TICK, FrameError, Refusal
+from edge_runtime.common.bounds import Finite
+from edge_runtime.network.seal import MAGIC_BYTES, TAG_BYTES, FrameError, Magic, Refusal, seal, unseal
+from edge_runtime.network.team_wire import LAST_TICK
 
-ORDER_MAGIC: Final = b"CFO\x01"
-ANSWER_MAGIC: Final = b"CFA\x01"
-"""Their last byte is the version of the layout; change it with the layout."""
 FILE_BYTES: Final = 8192
 """Longest objectives file."""
-PACKET_BYTES: Final = FILE_BYTES + 1024
+_BODY_BYTES: Final = FILE_BYTES + 1024
+PACKET_BYTES: Final = MAGIC_BYTES + _BODY_BYTES + TAG_BYTES
 """Longest packet."""
-_TAG_BYTES: Final = 32
 
 Stage = Literal["none", "checking", "accepted", "refused", "committed", "applied"]
 
@@ -33,7 +31,7 @@ class Order(msgspec.Struct, frozen=True, tag_field="order"):
     receiver: int
     boot_id: int
     """Of the robot's run that is meant."""
-    expires_s: float
+    expires_s: Finite
     """By the robot's monotonic clock."""
 
 
@@ -45,9 +43,9 @@ class Propose(Order, frozen=True, tag="propose", kw_only=True):
     """Asks whether the robot would follow these objectives; nothing changes yet."""
 
     version: Annotated[int, msgspec.Meta(ge=1, lt=2**32)]
-    file: str
+    file: Annotated[str, msgspec.Meta(max_length=255)]
     """Name of the objectives file, for messages."""
-    content: bytes
+    content: Annotated[bytes, msgspec.Meta(max_length=FILE_BYTES)]
 
 
 class Commit(Order, frozen=True, tag="commit", kw_only=True):
@@ -71,13 +69,13 @@ class Standing(msgspec.Struct, frozen=True):
     number: int
     robot_id: int
     boot_id: int
-    stamp_s: float
+    stamp_s: Finite
     """The robot's monotonic time."""
-    tick: int
+    tick: Annotated[int, msgspec.Meta(ge=0, le=LAST_TICK)]
     """The team's."""
-    rate_hz: float
+    rate_hz: Finite
     """Over the last second; 0 in the first one."""
-    nominal_rate_hz: float
+    nominal_rate_hz: Finite
     version: int
     """Of the objectives that it follows."""
     digest: int
@@ -97,12 +95,12 @@ _answer_decoder = msgspec.msgpack.Decoder(Standing)
 
 def encode_order(order: Order, key: bytes) -> bytes:
     """Return the authenticated packet of an order."""
-    return _seal(ORDER_MAGIC + msgspec.msgpack.encode(order), key)
+    return seal(Magic.ORDER, msgspec.msgpack.encode(order), key)
 
 
 def encode_answer(standing: Standing, key: bytes) -> bytes:
     """Return the authenticated packet of an answer."""
-    return _seal(ANSWER_MAGIC + msgspec.msgpack.encode(standing), key)
+    return seal(Magic.ANSWER, msgspec.msgpack.encode(standing), key)
 
 
 def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | Stop:
@@ -112,7 +110,7 @@ def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | 
         FrameError: if it is malformed or not made with this key.
     """
     try:
-        return _order_decoder.decode(_open(packet, ORDER_MAGIC, key))
+        return _order_decoder.decode(unseal(packet, Magic.ORDER, key, _BODY_BYTES))
     except msgspec.MsgspecError:
         raise FrameError(Refusal.MALFORMED) from None
 
@@ -120,19 +118,6 @@ def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | 
 def decode_answer(packet: bytes, key: bytes) -> Standing:
     """Read an answer; raises as `decode_order`."""
     try:
-        return _answer_decoder.decode(_open(packet, ANSWER_MAGIC, key))
+        return _answer_decoder.decode(unseal(packet, Magic.ANSWER, key, _BODY_BYTES))
     except msgspec.MsgspecError:
         raise FrameError(Refusal.MALFORMED) from None
-
-
-def _seal(body: bytes, key: bytes) -> bytes:
-    return body + hmac.digest(key, body, "sha256")
-
-
-def _open(packet: bytes, magic: bytes, key: bytes) -> bytes:
-    body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
-    if len(packet) > PACKET_BYTES or body[: len(magic)] != magic:
-        raise FrameError(Refusal.MALFORMED)
-    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), tag):
-        raise FrameError(Refusal.FOREIGN)
-    return body[len(magic) :]

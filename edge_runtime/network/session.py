@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Final, Generic, Protocol, TypeVar
 
 from edge_runtime.network.clock_offset import RemoteClock
-from edge_runtime.network.team_wire import FrameError, Refusal
+from edge_runtime.network.seal import FrameError, Refusal
 
 WINDOW: Final = 64
 """Sequences before the newest of which is known whether they were received."""

@@ -1,11 +1,10 @@
 """The frames of a pose or range stream, and a robot's requests for them: authenticated like the team's.
 
-Little endian: magic, kind, number of values, robot, boot id, sequence, challenge, answer, stamp, the values;
-then HMAC-SHA256 of all that. What the session fields are for: `edge_runtime.network.session`.
+Little endian: kind, number of values, robot, boot id, sequence, challenge, answer, stamp, the values. What
+the session fields are for: `edge_runtime.network.session`.
 """
 
 import enum
-import hmac
 import math
 import struct
 from typing import Final, NamedTuple
@@ -14,13 +13,10 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, is_motion
 from edge_runtime.messages import Vector2
-from edge_runtime.network.team_wire import FrameError, Refusal
+from edge_runtime.network.seal import FrameError, Magic, Refusal, seal, unseal
 
-STREAM_MAGIC: Final = b"CFS\x01"
-"""Its last byte is the version of the layout; change it with the layout."""
 MOST_VALUES: Final = 1024
-_HEAD: Final = struct.Struct("<4sBxHHxxQQQQd")
-_TAG_BYTES: Final = 32
+_HEAD: Final = struct.Struct("<BxHHxxQQQQd")
 
 
 class Kind(enum.IntEnum):
@@ -69,7 +65,6 @@ class StreamFrame(msgspec.Struct, frozen=True, gc=False):
 def encode_stream(frame: StreamFrame, key: bytes) -> bytes:
     """Return the authenticated packet of a frame."""
     head = _HEAD.pack(
-        STREAM_MAGIC,
         frame.kind,
         len(frame.values),
         frame.robot_id,
@@ -80,7 +75,7 @@ def encode_stream(frame: StreamFrame, key: bytes) -> bytes:
         frame.stamp_s,
     )
     body = head + struct.pack(f"<{len(frame.values)}d", *frame.values)
-    return body + hmac.digest(key, body, "sha256")
+    return seal(Magic.STREAM, body, key)
 
 
 def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
@@ -89,12 +84,8 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
     Raises:
         FrameError: if it is malformed, not made with this key, or a number is not finite or absurd.
     """
-    body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
-    if len(body) < _HEAD.size or body[: len(STREAM_MAGIC)] != STREAM_MAGIC:
-        raise FrameError(Refusal.MALFORMED)
-    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), tag):
-        raise FrameError(Refusal.FOREIGN)
-    _, kind, count, robot_id, boot_id, sequence, challenge, answer, stamp_s = _HEAD.unpack_from(body)
+    body = unseal(packet, Magic.STREAM, key, _HEAD.size + 8 * MOST_VALUES, _HEAD.size)
+    kind, count, robot_id, boot_id, sequence, challenge, answer, stamp_s = _HEAD.unpack_from(body)
     expected = {Kind.POSE_REQUEST: 0, Kind.RANGES_REQUEST: 0, Kind.POSE: 5}.get(kind, count)
     if kind not in set(Kind) or count != expected or len(body) != _HEAD.size + 8 * count:
         raise FrameError(Refusal.MALFORMED)

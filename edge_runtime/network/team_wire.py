@@ -1,14 +1,11 @@
 """The frame that one robot sends to another: a fixed layout, authenticated with the team's key.
 
-Little endian: magic, sender, receiver, version of the objectives, whether the sender listens to the
-receiver, boot id, sequence, challenge, answer, the team's tick, the objectives' digest, digest and tick of
-the next ones, stamp, position, velocity, heading, intended action; then HMAC-SHA256 of all that. What the
-session fields are for: `edge_runtime.team.peer`; the tick: `edge_runtime.team.tick`; the objectives:
-`edge_runtime.team.orders`.
+Little endian: sender, receiver, version of the objectives, whether the sender listens to the receiver, boot
+id, sequence, challenge, answer, the team's tick, the objectives' digest, digest and tick of the next ones,
+stamp, position, velocity, heading, intended action. What the session fields are for:
+`edge_runtime.team.peer`; the tick: `edge_runtime.team.tick`; the objectives: `edge_runtime.team.orders`.
 """
 
-import enum
-import hmac
 import math
 import struct
 from typing import Final
@@ -17,46 +14,12 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, is_motion
 from edge_runtime.messages import RobotState, Vector2
+from edge_runtime.network.seal import MAGIC_BYTES, TAG_BYTES, FrameError, Magic, Refusal, seal, unseal
 
-MAGIC: Final = b"CFP\x02"
-"""Its last byte is the version of the layout; change it with the layout."""
 LAST_TICK: Final = 2**53
 """No team gets there; counting on from a greater number would not fit the frame."""
-_BODY: Final = struct.Struct("<4sHHI?3x8Q8d")
-_TAG_BYTES: Final = 32
-FRAME_BYTES: Final = _BODY.size + _TAG_BYTES
-
-
-class Refusal(enum.Enum):
-    """Why a received frame was dropped."""
-
-    MALFORMED = "malformed"
-    """Not of this length or version, or of fields that no robot sends."""
-    FOREIGN = "foreign"
-    """Not made with the team's key."""
-    MISDIRECTED = "misdirected"
-    """Made for another robot, or by a robot that the fleet does not know."""
-    IMPERSONATED = "impersonated"
-    """Made by a robot as which the carrier did not let it through."""
-    NOT_FINITE = "not finite"
-    EXPIRED = "expired"
-    """An operator's order for an earlier run or an earlier time: a recording."""
-    UNANSWERED = "unanswered"
-    """Opens a session without the answer to our challenge: the first frames of any robot, or a recording."""
-    DUPLICATE = "duplicate"
-    """Received before."""
-    REORDERED = "reordered"
-    """Overtaken by a newer one."""
-    REPLAYED = "replayed"
-    """Too far behind the newest one to have been overtaken."""
-
-
-class FrameError(ValueError):
-    """A frame that is to be dropped."""
-
-    def __init__(self, cause: Refusal) -> None:
-        super().__init__(cause.value)
-        self.cause = cause
+_BODY: Final = struct.Struct("<HHI?3x8Q8d")
+FRAME_BYTES: Final = MAGIC_BYTES + _BODY.size + TAG_BYTES
 
 
 class GuideVersions(msgspec.Struct, frozen=True, gc=False):
@@ -99,7 +62,6 @@ def encode(frame: Frame, key: bytes) -> bytes:
     """Return the authenticated packet of a frame."""
     state, versions = frame.state, frame.versions
     body = _BODY.pack(
-        MAGIC,
         state.robot_id,
         frame.receiver,
         versions.version,
@@ -118,7 +80,7 @@ def encode(frame: Frame, key: bytes) -> bytes:
         state.heading_rad,
         *frame.intended_action,
     )
-    return body + hmac.digest(key, body, "sha256")
+    return seal(Magic.TEAM, body, key)
 
 
 def decode(packet: bytes, key: bytes) -> Frame:
@@ -127,12 +89,8 @@ def decode(packet: bytes, key: bytes) -> Frame:
     Raises:
         FrameError: if it is malformed, not made with this key, or a number is not finite or absurd.
     """
-    if len(packet) != FRAME_BYTES or packet[: len(MAGIC)] != MAGIC:
-        raise FrameError(Refusal.MALFORMED)
-    body = packet[: _BODY.size]
-    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), packet[_BODY.size :]):
-        raise FrameError(Refusal.FOREIGN)
-    _, sender, receiver, version, listens, boot_id, sequence, challenge, answer, *rest = _BODY.unpack(body)
+    body = unseal(packet, Magic.TEAM, key, _BODY.size, _BODY.size)
+    sender, receiver, version, listens, boot_id, sequence, challenge, answer, *rest = _BODY.unpack(body)
     tick, digest, next_digest, next_tick, *numbers = rest
     if tick > LAST_TICK or next_tick > LAST_TICK:
         raise FrameError(Refusal.MALFORMED)

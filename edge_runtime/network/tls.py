@@ -11,6 +11,7 @@ from typing import Any, Final
 import msgspec
 
 from edge_runtime.common.key_file import read_private
+from edge_runtime.common.paths import named_file
 from edge_runtime.config.network import TlsSettings
 from edge_runtime.errors import ConfigError
 
@@ -40,7 +41,7 @@ def tls_files(settings: TlsSettings, folder: Path, robot_id: int) -> TlsFiles:
             certificate by this authority.
     """
     ca, certificate, private_key = (
-        folder / Path(name.replace("{id}", str(robot_id))).expanduser()
+        named_file(folder, name.replace("{id}", str(robot_id)))
         for name in (settings.ca, settings.certificate, settings.private_key)
     )
     files = TlsFiles(ca, certificate, private_key)

@@ -17,9 +17,11 @@ from typing import Any, Final
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.network import CarrierSettings
 from edge_runtime.errors import ConfigError
-from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC
+from edge_runtime.network.datagrams import DRAIN, Datagram
+from edge_runtime.network.seal import Magic
+from edge_runtime.network.team_wire import FRAME_BYTES
 from edge_runtime.network.tls import tls_files
-from edge_runtime.network.udp import DRAIN, Datagram, UdpCarrier
+from edge_runtime.network.udp import UdpCarrier
 from edge_runtime.network.zenoh_session import Json, session_config, topic
 
 CLOSE_S: Final = 1.0
@@ -134,7 +136,7 @@ class ZenohCarrier:
         def listen(sample: Any) -> None:  # noqa: ANN401  # an optional library's
             arrival_s = time.monotonic()
             content = bytes(sample.payload)[: FRAME_BYTES + 1]  # one more: longer ones must not look whole
-            if not content.startswith(MAGIC):
+            if not content.startswith(Magic.TEAM):
                 content = b""  # orders and streams come over UDP: this counts as malformed
             self._arrived.append(Datagram(content, None, arrival_s, sender))
 

@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 import msgspec
 from msgspec.structs import replace
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
-from edge_runtime.network.order_wire import ORDER_MAGIC
+from edge_runtime.network.datagrams import Datagram
+from edge_runtime.network.seal import FrameError, Magic, Refusal
 from edge_runtime.network.session import random_nonce
-from edge_runtime.network.stream_wire import STREAM_MAGIC
-from edge_runtime.network.team_wire import FrameError, Refusal, decode, encode
-from edge_runtime.network.udp import Carrier, Datagram
+from edge_runtime.network.team_wire import decode, encode
+from edge_runtime.network.udp import Carrier
 from edge_runtime.team.order_service import OrderDesk
 from edge_runtime.team.peer import Peer
 from edge_runtime.team.report import FleetReport, Traffic
@@ -40,7 +40,7 @@ class TeamRules(msgspec.Struct, frozen=True):
     """The control period."""
 
 
-class NetworkTeam:
+class NetworkTeam(Closing):
     """One robot's link to a team of processes.
 
     It tells those that it listens to, those that listen to it, and those that ask to join; where it
@@ -81,17 +81,8 @@ class NetworkTeam:
         self._tick = TeamTick(rules.period_s)
         self._guide_tick, self._new_guide, self._agreed = 0, False, False
 
-    def __enter__(self) -> "NetworkTeam":
-        """Nothing needs opening: the carrier is open."""
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the carrier."""
+    def close(self) -> None:
+        """Leave the team."""
         self._desk.close()
         self._carrier.close()
 
@@ -174,9 +165,9 @@ class NetworkTeam:
     def _receive(self, now_s: float) -> None:
         for taken, datagram in enumerate(self._carrier.receive(), 1):
             try:
-                if datagram.content.startswith(ORDER_MAGIC):
+                if datagram.content.startswith(Magic.ORDER):
                     self._desk.take(datagram)
-                elif datagram.content.startswith(STREAM_MAGIC):
+                elif datagram.content.startswith(Magic.STREAM):
                     self._streams.take(datagram)
                 else:
                     self._admit(datagram, now_s)

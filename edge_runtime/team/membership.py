@@ -2,13 +2,13 @@
 
 import importlib
 import time
-from pathlib import Path
 from types import TracebackType
 from typing import Final, Protocol
 
-from edge_runtime.common.key_file import read_key
+from edge_runtime.common.closing import Closing
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet
+from edge_runtime.config.keys import operator_key, team_key
 from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
@@ -94,23 +94,11 @@ class Alone:
         return ()
 
 
-class LocalTeam:
+class LocalTeam(Closing):
     """The team of a robot whose teammates live in this process, or that has none."""
 
     def __init__(self, source: FleetLink) -> None:
         self._source = source
-
-    def __enter__(self) -> "LocalTeam":
-        """Nothing needs opening."""
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Nothing needs closing."""
 
     stop_reason = ""
 
@@ -149,8 +137,7 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
             refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
         return LocalTeam(local)
     settings = fleet.carrier
-    key = _key(fleet, "key", settings.key)
-    operator_key = _key(fleet, "operator_key", settings.operator_key) if settings.operator_key else key
+    key = team_key(fleet)
     endpoints = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}
     own = endpoints.pop(mission.robot_id)
     rules, robot = _rules(mission, settings, tuple(endpoints)), fleet.robot(mission.robot_id)
@@ -159,7 +146,7 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     endpoints |= {source: place for source, place in sources.items() if place}
     carrier = _carrier(mission, settings, own, endpoints)
     orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
-    desk = OrderDesk(orders, operator_key, carrier, mission.rate_hz)
+    desk = OrderDesk(orders, operator_key(fleet), carrier, mission.rate_hz)
     streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)
 
@@ -190,13 +177,6 @@ def _streams(robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:
     if robot.ranges_place:
         ranges = Stream(RANGES_SOURCE, robot.id, Kind.RANGES_REQUEST, Kind.RANGES, rays, key, carrier)
     return Streams(robot.id, pose, ranges, key)
-
-
-def _key(fleet: Fleet, name: str, file: str) -> bytes:
-    try:
-        return read_key(fleet.path.parent / Path(file).expanduser())
-    except ConfigError as error:
-        refuse(fleet.path, f"carrier.{name}", str(error))
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:

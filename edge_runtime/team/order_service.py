@@ -2,8 +2,9 @@
 
 from typing import Final
 
+from edge_runtime.network.datagrams import Datagram
 from edge_runtime.network.order_wire import Order, decode_order, encode_answer
-from edge_runtime.network.udp import Carrier, Datagram
+from edge_runtime.network.udp import Carrier
 from edge_runtime.team.orders import Orders, Pace
 
 FAREWELLS: Final = 5

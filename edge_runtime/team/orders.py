@@ -15,12 +15,17 @@ from msgspec.structs import replace
 from edge_runtime.errors import EdgeError
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.network.order_wire import Abort, Ask, Commit, Order, Propose, Stage, Standing, Stop
-from edge_runtime.network.team_wire import FrameError, GuideVersions, Refusal
+from edge_runtime.network.seal import FrameError, Refusal
+from edge_runtime.network.team_wire import GuideVersions
 
+VALID_S: Final = 10.0
+"""No operator sends an order that holds for longer."""
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""
 STACK_BYTES: Final = 2**20
 """Of that thread: with locked memory, mapping the usual 8 MiB would take the loop 5 ms."""
+LONGEST_TEXT: Final = 1000
+"""Of an answer, which must fit a packet whatever a user's objective says when it fails."""
 STOPPED: Final = "stopped by edge-ctl"
 
 Prepare = Callable[[str, bytes], Guide]
@@ -109,7 +114,7 @@ class Orders:
             raise FrameError(Refusal.MISDIRECTED)
         if isinstance(order, Ask):
             return ""
-        if order.boot_id != self._boot_id or now_s > order.expires_s:
+        if order.boot_id != self._boot_id or not now_s <= order.expires_s <= now_s + VALID_S:
             raise FrameError(Refusal.EXPIRED)
         proposal = self._proposal if self._proposal and self._proposal.session == order.session else None
         if isinstance(order, Stop):
@@ -166,7 +171,7 @@ class Orders:
             self.guide.version,
             self.guide.digest,
             "refused" if complaint else stage,
-            complaint or why,
+            (complaint or why)[:LONGEST_TEXT],
             stop_reason or self.stop_reason,
             bool(self.stop_reason),
         )

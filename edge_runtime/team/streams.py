@@ -9,10 +9,11 @@ from typing import Final
 from msgspec.structs import replace
 
 from edge_runtime.messages import Command, RobotState
+from edge_runtime.network.datagrams import Datagram
+from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.session import Session, random_nonce
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
-from edge_runtime.network.team_wire import FrameError, Refusal
-from edge_runtime.network.udp import Carrier, Datagram
+from edge_runtime.network.udp import Carrier
 from edge_runtime.team.frame_rotation import turned
 
 POSE_SOURCE: Final = -1

@@ -1,28 +1,25 @@
 """The status frame: what one robot tells whoever watches the team.
 
-A magic number, the record in MessagePack, then HMAC-SHA256 of both with the team's key. The magic keeps a
-status from ever passing for a frame of `edge_runtime.network.team_wire`, which the same key signs.
+The record in MessagePack, sealed with the team's key.
 """
 
-import hmac
 from typing import Final
 
 import msgspec
 
-from edge_runtime.messages import Vector2
+from edge_runtime.common.bounds import Finite
+from edge_runtime.network.seal import FrameError, Magic, Refusal, seal, unseal
 
-MAGIC: Final = b"CFS\x01"
-"""Its last byte is the version of the record; change it with the record."""
 LONGEST: Final = 8192
-"""Bytes of the longest packet that is read."""
-_TAG_BYTES: Final = 32
+"""Bytes of the longest record that is read."""
+FinitePair = tuple[Finite, Finite]
 
 
 class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Recent durations in microseconds."""
 
-    p50: float
-    p99: float
+    p50: Finite
+    p99: Finite
 
 
 class ObjectiveStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -31,9 +28,9 @@ class ObjectiveStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     name: str
     limit: str
     """What it asks for, as text with its unit; empty where it is no single number."""
-    cost: float
+    cost: Finite
     """In squared action units; 0 while it is kept."""
-    conflicts: float
+    conflicts: Finite
     """Share of the newest sample's steps in which it pulled against another objective, in [0, 1]."""
 
 
@@ -41,21 +38,22 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     """One robot, now."""
 
     robot_id: int
-    started_s: float
+    started_s: Finite
     """When it started, by its own wall clock; with the sequence this orders all its statuses."""
     sequence: int
-    sent_s: float
+    sent_s: Finite
     """By its own wall clock."""
-    position_m: Vector2
-    velocity_m_s: Vector2
-    speed_limit_m_s: float | None
-    goal_distance_m: float
-    nearest_m: float
-    """To the nearest teammate's centre, now; infinite if it sees none."""
-    margin_m: float | None
-    rate_hz: float
+    position_m: FinitePair | None
+    """None, as of everything that is measured, while it is unknown."""
+    velocity_m_s: FinitePair | None
+    speed_limit_m_s: Finite | None
+    goal_distance_m: Finite | None
+    nearest_m: Finite | None
+    """To the nearest teammate's centre, now; None if it sees none."""
+    margin_m: Finite | None
+    rate_hz: Finite
     """Ticks per second, from the first to the newest."""
-    nominal_rate_hz: float
+    nominal_rate_hz: Finite
     missed: int
     """Deadlines missed since the start."""
     cut_short: int
@@ -64,7 +62,7 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     stages: dict[str, Span]
     objectives: tuple[ObjectiveStatus, ...]
     objectives_version: int
-    ages_s: dict[int, float]
+    ages_s: dict[int, Finite]
     """Ages of the teammates' states that the newest action rests on, by their ids."""
     stop_reason: str
     """Why the newest command is zero; empty in normal operation."""
@@ -73,28 +71,18 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
 _DECODER: Final = msgspec.msgpack.Decoder(Status)
 
 
-class StatusError(ValueError):
-    """A packet that is to be dropped."""
-
-
 def encode(status: Status, key: bytes) -> bytes:
     """Return the authenticated packet of a status."""
-    body = MAGIC + msgspec.msgpack.encode(status)
-    return body + hmac.digest(key, body, "sha256")
+    return seal(Magic.STATUS, msgspec.msgpack.encode(status), key)
 
 
 def decode(packet: bytes, key: bytes) -> Status:
     """Read a packet.
 
     Raises:
-        StatusError: if it is malformed or was not made with this key.
+        FrameError: if it is malformed, was not made with this key, or holds a number that is not finite.
     """
-    body, tag = packet[:-_TAG_BYTES], packet[-_TAG_BYTES:]
-    if len(packet) > LONGEST or not body.startswith(MAGIC):
-        raise StatusError("malformed")
-    if not hmac.compare_digest(hmac.digest(key, body, "sha256"), tag):
-        raise StatusError("foreign")
     try:
-        return _DECODER.decode(body[len(MAGIC) :])
-    except msgspec.DecodeError as error:
-        raise StatusError("malformed") from error
+        return _DECODER.decode(unseal(packet, Magic.STATUS, key, LONGEST))
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        raise FrameError(Refusal.MALFORMED) from None

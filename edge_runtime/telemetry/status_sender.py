@@ -4,24 +4,21 @@ The loop itself sends, after its command is out: a status costs it a fraction of
 that it would sleep, where a thread would take the interpreter's lock at a moment of its own choosing.
 """
 
-import errno
 import math
-import socket
 import time
-from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final, Protocol
 
-from edge_runtime.common.key_file import read_key
+from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.messages import Command, GuidedAction, TeamState
+from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+from edge_runtime.network.datagrams import speak
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
-from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status, encode
+from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, encode
 
 RATE_HZ: Final = 5.0
 WINDOW_S: Final = 2.0
@@ -82,17 +79,14 @@ class StatusSender:
         key: bytes,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.failures: Counter[str] = Counter()
-        """Statuses that could not be sent, by the system's name of the cause."""
         self._mission, self._monitor, self._grid, self._timing = mission, monitor, grid, timing
         self._address, self._key, self._clock = address, key, clock
         self._window_ticks = max(1, round(WINDOW_S * mission.rate_hz))
         self._started_s, self._sequence, self._due_s = time.time(), 0, clock()
         self.adopt(mission.guide())
-        self._socket = socket.socket(
-            socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM
-        )
-        self._socket.setblocking(False)
+        self._datagrams = speak(address[0], LONGEST)
+        self.failures = self._datagrams.failures
+        """Statuses that could not be sent, by the system's name of the cause: the robot does not mind."""
 
     def adopt(self, guide: Guide) -> None:
         """Take note of what steers from here on."""
@@ -109,14 +103,11 @@ class StatusSender:
             return
         self._due_s = max(self._due_s + 1.0 / RATE_HZ, now)
         self._sequence += 1
-        try:
-            self._socket.sendto(encode(self._status(team, guided, command), self._key), self._address)
-        except OSError as error:  # a watcher that is away must not matter to the robot
-            self.failures[errno.errorcode.get(error.errno or 0, str(error))] += 1
+        self._datagrams.send(encode(self._status(team, guided, command), self._key), self._address)
 
     def close(self) -> None:
         """Close the socket."""
-        self._socket.close()
+        self._datagrams.close()
 
     def _status(self, team: TeamState, guided: GuidedAction, command: Command) -> Status:
         monitor, grid, own = self._monitor, self._grid, team.own
@@ -128,13 +119,15 @@ class StatusSender:
             started_s=self._started_s,
             sequence=self._sequence,
             sent_s=time.time(),
-            position_m=own.position_m,
-            velocity_m_s=own.velocity_m_s,
+            position_m=_known_pair(own.position_m),
+            velocity_m_s=_known_pair(own.velocity_m_s),
             speed_limit_m_s=self._speed_limit,
-            goal_distance_m=monitor.robots[own.robot_id].goal_distance_m,
-            nearest_m=min(
-                (math.dist(own.position_m, mate.state.position_m) for mate in team.teammates),
-                default=math.inf,
+            goal_distance_m=_known(monitor.robots[own.robot_id].goal_distance_m),
+            nearest_m=_known(
+                min(
+                    (math.dist(own.position_m, mate.state.position_m) for mate in team.teammates),
+                    default=math.inf,
+                )
             ),
             margin_m=self._margin,
             rate_hz=grid.rate_hz,
@@ -153,6 +146,14 @@ class StatusSender:
         )
 
 
+def _known(number: float) -> float | None:
+    return number if math.isfinite(number) else None
+
+
+def _known_pair(pair: Vector2) -> Vector2 | None:
+    return pair if all(map(math.isfinite, pair)) else None
+
+
 def open_watch(mission: Mission, monitor: Monitor, grid: DeadlineGrid, timing: TimingRecord) -> Watch:
     """Return whom the mission's robot tells of itself: the fleet file's ``[watch]``, or nobody.
 
@@ -162,8 +163,7 @@ def open_watch(mission: Mission, monitor: Monitor, grid: DeadlineGrid, timing: T
     fleet = mission.fleet
     if fleet.watch is None or fleet.carrier is None:
         return Unwatched()
-    key = read_key(fleet.path.parent / Path(fleet.carrier.key).expanduser())
-    return StatusSender(mission, monitor, grid, timing, endpoint(fleet.watch.address), key)
+    return StatusSender(mission, monitor, grid, timing, endpoint(fleet.watch.address), team_key(fleet))
 
 
 def limit_text(objective: Objective) -> str:

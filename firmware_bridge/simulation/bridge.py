@@ -4,8 +4,8 @@ import argparse
 import math
 import time
 from collections.abc import Callable, Mapping
-from types import TracebackType
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector2
@@ -14,7 +14,7 @@ from firmware_bridge.simulation.plant import Plant
 REST: Vector2 = (0.0, 0.0)
 
 
-class SimBridge:
+class SimBridge(Closing):
     """One robot's link to a simulated team; also its `edge_runtime.team.membership.FleetLink`.
 
     Every read after the first one lets the whole team move for one period. The other robots decide on the
@@ -45,16 +45,7 @@ class SimBridge:
         self._actions = dict.fromkeys(ids, REST)
         self._team: dict[int, Teammate] = {}
 
-    def __enter__(self) -> "SimBridge":
-        """Nothing needs opening."""
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Stop the robot."""
         self.stop("the link is closed")
 

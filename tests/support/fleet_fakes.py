@@ -11,7 +11,7 @@ from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, RobotState
-from edge_runtime.network.udp import Datagram
+from edge_runtime.network.datagrams import Datagram
 from edge_runtime.team.link import NetworkTeam, TeamRules
 from edge_runtime.team.order_service import OrderDesk
 from edge_runtime.team.orders import Orders

@@ -17,7 +17,7 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.messages import Command, RobotState
-from edge_runtime.network.order_wire import ORDER_MAGIC
+from edge_runtime.network.seal import Magic
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.team.membership import LocalTeam, open_fleet
 
@@ -40,7 +40,7 @@ class Lossy:
     def receive(self):
         """Robots' packets were lost on sending; the operator's are lost here."""
         for datagram in self.carrier.receive():
-            if not datagram.content.startswith(ORDER_MAGIC) or not self.lost():
+            if not datagram.content.startswith(Magic.ORDER) or not self.lost():
                 yield datagram
 
     def lost(self):

@@ -15,7 +15,8 @@ from waiting import HANG_S
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.messages import RobotState
-from edge_runtime.network.order_wire import ORDER_MAGIC, Stop, encode_order
+from edge_runtime.network.order_wire import Stop, encode_order
+from edge_runtime.network.seal import Magic
 from edge_runtime.network.team_wire import FRAME_BYTES, Frame, encode
 from edge_runtime.policy.bundle import Bundle
 
@@ -85,5 +86,5 @@ def hostile(draw):
     elif kind == 3:
         packet = encode_order(Stop(1, 2, 0, draw.getrandbits(64), 1e12), draw.randbytes(32))
     elif kind == 4:
-        packet = ORDER_MAGIC + draw.randbytes(draw.randrange(2 * FRAME_BYTES))
+        packet = Magic.ORDER + draw.randbytes(draw.randrange(2 * FRAME_BYTES))
     return bytes(packet)

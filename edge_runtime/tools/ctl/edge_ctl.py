@@ -7,9 +7,9 @@ from typing import Final, NoReturn
 
 from edge_runtime.common.command_line import CommandParser, command, complain
 from edge_runtime.common.flag_types import number
-from edge_runtime.common.key_file import read_key
 from edge_runtime.common.toml_file import read_settings, refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.keys import operator_key
 from edge_runtime.config.network import endpoint
 from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.errors import ConfigError, FailedError
@@ -116,10 +116,7 @@ def _fail(outcome: str, robots: dict[int, str]) -> NoReturn:
 
 
 def _open(fleet: Fleet, key_file: Path | None, timeout_s: float) -> OperatorLink:
-    if fleet.carrier is None:
-        refuse(fleet.path, "carrier", "missing: no operator reaches robots that are simulated in one process")
-    named = fleet.path.parent / Path(fleet.carrier.operator_key or fleet.carrier.key).expanduser()
-    key = read_key(key_file or named)
+    key = operator_key(fleet, key_file)
     robots = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address is not None}
     return OperatorLink(robots, key, timeout_s)
 

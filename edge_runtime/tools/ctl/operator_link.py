@@ -1,13 +1,14 @@
 """An operator's end of the way to all robots of a team: every order is repeated until it is answered."""
 
-import select
-import socket
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.config.network import Endpoint
+from edge_runtime.network.datagrams import speak
 from edge_runtime.network.order_wire import (
     PACKET_BYTES,
     Abort,
@@ -20,8 +21,8 @@ from edge_runtime.network.order_wire import (
     decode_answer,
     encode_order,
 )
+from edge_runtime.network.seal import FrameError
 from edge_runtime.network.session import random_nonce
-from edge_runtime.network.team_wire import FrameError
 
 RETRY_S: Final = 0.04
 """Time between two repetitions."""
@@ -35,8 +36,8 @@ MakeOrder = Callable[[int, int, int, int, float], Order]
 Settled = Callable[[Standing], bool]
 
 
-class OperatorLink:
-    """A session with a team: a context manager.
+class OperatorLink(Closing):
+    """A session with a team.
 
     Args:
         robots: where each one listens, by id.
@@ -51,17 +52,11 @@ class OperatorLink:
         self._robots, self._key, self._timeout_s = robots, key, timeout_s
         self._heard_s: dict[int, float] = {}
         self._number = 0
-        is_ipv6 = any(":" in host for host, _ in robots.values())
-        self._socket = socket.socket(socket.AF_INET6 if is_ipv6 else socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
+        self._datagrams = speak(next(iter(robots.values()))[0], PACKET_BYTES)
 
-    def __enter__(self) -> "OperatorLink":
-        """Nothing needs opening."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """Give the network back; robots keep what they were ordered."""
-        self._socket.close()
+        self._datagrams.close()
 
     def ask(self) -> list[int]:
         """Ask all for their standing; return who is silent."""
@@ -135,25 +130,20 @@ class OperatorLink:
         else:
             expires_s = standing.stamp_s + time.monotonic() - self._heard_s[robot_id] + VALID_S
             order = make(self.session, self._number, robot_id, standing.boot_id, expires_s)
-        try:
-            self._socket.sendto(encode_order(order, self._key), self._robots[robot_id])
-        except OSError:
-            return  # as good as lost: it is repeated, and who stays silent is named
+        # What does not get out is as good as lost: it is repeated, and who stays silent is named.
+        self._datagrams.send(encode_order(order, self._key), self._robots[robot_id])
 
     def _receive(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
-            if not select.select((self._socket,), (), (), left_s)[0]:
-                return
-            try:
-                standing = decode_answer(self._socket.recv(PACKET_BYTES + 1), self._key)
-            except (OSError, FrameError):
-                continue  # somebody else's packet, or word that nobody listens there
-            self._take(standing)
+            self._datagrams.wait(left_s)
+            for datagram in self._datagrams.receive():
+                with contextlib.suppress(FrameError):  # somebody else's packet
+                    self._take(decode_answer(datagram.content, self._key), datagram.arrival_s)
 
-    def _take(self, standing: Standing) -> None:
+    def _take(self, standing: Standing, arrival_s: float) -> None:
         known = self.standings.get(standing.robot_id)
         newer = known is None or standing.number >= known.number
         if standing.session == self.session and standing.robot_id in self._robots and newer:
             self.standings[standing.robot_id] = standing
-            self._heard_s[standing.robot_id] = time.monotonic()
+            self._heard_s[standing.robot_id] = arrival_s

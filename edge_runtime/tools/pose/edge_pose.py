@@ -8,10 +8,10 @@ from typing import Final
 
 from edge_runtime.common.command_line import CommandParser, command, complain
 from edge_runtime.common.flag_types import ipv4
-from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.pose.feeds import NatNetFeed, replay
@@ -75,10 +75,7 @@ def _check_robots(samples: Sequence[Sample], poses: Sequence[int], ranges: Seque
 def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
     fleet = load_fleet(flags.fleet)
     place = _place(fleet, flags.listen)
-    carrier = fleet.carrier
-    if carrier is None:
-        refuse(fleet.path, "carrier", "missing: streams need the team's key")
-    key = read_key(flags.key_file or fleet.path.parent / Path(carrier.key).expanduser())
+    key = team_key(fleet, flags.key_file)
     poses = [robot.id for robot in fleet.robots if robot.pose_place == place]
     ranges = [robot.id for robot in fleet.robots if robot.ranges_place == place]
     places = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address}

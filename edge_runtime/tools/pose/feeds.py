@@ -2,15 +2,16 @@
 
 import contextlib
 import math
-import select
 import socket
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.errors import ConfigError
 from edge_runtime.network.clock_offset import RemoteClock
+from edge_runtime.network.datagrams import Datagram, Datagrams, speak
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.tools.pose.natnet import (
     COMMAND_PORT,
@@ -66,8 +67,8 @@ def _publish(sample: Sample, fit: VelocityFit, host: StreamHost, stamp_s: float)
             host.publish(Kind.POSE, sample.robot, stamp_s, (sample.x, sample.y, *velocity, sample.heading))
 
 
-class NatNetFeed:
-    """Rigid bodies from Motive: a context manager.
+class NatNetFeed(Closing):
+    """Rigid bodies from Motive.
 
     Args:
         server: Motive's IP address.
@@ -82,7 +83,7 @@ class NatNetFeed:
         self._place, self._robots, self._up = (server, port), robots, up
         self._fits: dict[int, VelocityFit] = defaultdict(VelocityFit)
         self._clock = RemoteClock()
-        self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._command = speak(server, PACKET_BYTES)
         self._data = self._command
         self.refused = 0
         """Packets that were not NatNet."""
@@ -99,14 +100,6 @@ class NatNetFeed:
             self.close()
             raise ConfigError(f"--natnet {server}: {error}") from error
 
-    def __enter__(self) -> "NatNetFeed":
-        """Nothing more needs opening."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the sockets."""
-        self.close()
-
     def close(self) -> None:
         """Give the network back."""
         self._command.close()
@@ -118,25 +111,19 @@ class NatNetFeed:
         while not ending():
             now = time.monotonic()
             if now >= alive_s:
-                self._ask(keep_alive_packet() if now - self._heard_s < SILENT_S else connect_packet())
+                packet = keep_alive_packet() if now - self._heard_s < SILENT_S else connect_packet()
+                self._command.send(packet, self._place)
                 alive_s = now + KEEP_ALIVE_S
-            if (packet := self._hear(self._data, LISTEN_S)) is not None:
-                self._take(packet, time.monotonic(), host)
+            for datagram in self._hear(self._data):
+                self._take(datagram.content, datagram.arrival_s, host)
             host.listen()
 
-    def _ask(self, packet: bytes) -> None:
-        with contextlib.suppress(OSError):  # as good as lost: the next one may arrive
-            self._command.sendto(packet, self._place)
-
-    def _hear(self, data: socket.socket, seconds: float) -> bytes | None:
-        """Return the next packet; None if none came, or one from a stranger."""
-        if not select.select((data,), (), (), seconds)[0]:
-            return None
-        try:
-            packet, (address, _) = data.recvfrom(PACKET_BYTES)
-        except OSError:
-            return None  # word that nobody is there
-        return packet if data is not self._command or address == self._place[0] else None
+    def _hear(self, data: Datagrams) -> Iterator[Datagram]:
+        """Yield the packets that arrive in `LISTEN_S`, but no stranger's."""
+        data.wait(LISTEN_S)
+        for datagram in data.receive():
+            if data is not self._command or datagram.source[0] == self._place[0]:
+                yield datagram
 
     def _take(self, packet: bytes, arrival_s: float, host: StreamHost) -> None:
         try:
@@ -161,13 +148,13 @@ class NatNetFeed:
         asked_s, end_s = -math.inf, time.monotonic() + CONNECT_S
         while (now := time.monotonic()) < end_s:
             if now - asked_s >= CONNECT_AGAIN_S:
-                self._ask(connect_packet())
+                self._command.send(connect_packet(), self._place)
                 asked_s = now
-            packet = self._hear(self._command, LISTEN_S)
-            with contextlib.suppress(NatNetError):  # junk is passed over
-                if packet is not None and (server := read_server(packet)):
-                    check_version(server.version)
-                    return server
+            for datagram in self._hear(self._command):
+                with contextlib.suppress(NatNetError):  # junk is passed over
+                    if server := read_server(datagram.content):
+                        check_version(server.version)
+                        return server
         raise ConfigError(
             f"no answer on port {self._place[1]} within {CONNECT_S:g} s; "
             "is streaming enabled in Motive, and does it use this network?"
@@ -180,7 +167,7 @@ class NatNetFeed:
             return str(way.getsockname()[0])
 
 
-def _join(group: str, port: int, local: str) -> socket.socket:
+def _join(group: str, port: int, local: str) -> Datagrams:
     data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         data.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -190,4 +177,4 @@ def _join(group: str, port: int, local: str) -> socket.socket:
     except OSError:
         data.close()
         raise
-    return data
+    return Datagrams(data, PACKET_BYTES)

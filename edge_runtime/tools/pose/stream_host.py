@@ -1,19 +1,20 @@
 """The sending end of pose and range streams: tells robots that ask, and only those."""
 
+import contextlib
 import math
-import select
-import socket
 import time
 from collections.abc import Collection, Mapping
 from typing import Final
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.config.network import Endpoint
-from edge_runtime.errors import ConfigError
+from edge_runtime.network.datagrams import listen
+from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.session import Session, random_nonce
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
-from edge_runtime.network.team_wire import FrameError, Refusal
 
 REQUEST_BYTES: Final = 2048
+QUESTION: Final = "is this the machine that the fleet names, and does no other edge-pose run on it?"
 SILENT_S: Final = 1.0
 """A robot that has not asked for so long is not told any more."""
 CONTENT_OF: Final = {Kind.POSE_REQUEST: Kind.POSE, Kind.RANGES_REQUEST: Kind.RANGES}
@@ -29,8 +30,8 @@ class Listener:
         self.sequence = 0
 
 
-class StreamHost:
-    """Publishes poses and ranges: a context manager.
+class StreamHost(Closing):
+    """Publishes poses and ranges.
 
     Args:
         place: where robots ask.
@@ -56,23 +57,11 @@ class StreamHost:
             **{(Kind.POSE, robot_id): Listener() for robot_id in poses},
             **{(Kind.RANGES, robot_id): Listener() for robot_id in ranges},
         }
-        self._socket = socket.socket(
-            socket.AF_INET6 if ":" in place[0] else socket.AF_INET, socket.SOCK_DGRAM
-        )
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(place)
-        except OSError as error:
-            self._socket.close()
-            raise ConfigError(f"cannot listen on {place[0]} port {place[1]} ({error.strerror})") from error
+        self._datagrams = listen(place, REQUEST_BYTES, QUESTION)
 
-    def __enter__(self) -> "StreamHost":
-        """Nothing needs opening."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """Close the socket; the robots will find the streams silent, and stop."""
-        self._socket.close()
+        self._datagrams.close()
 
     @property
     def listening(self) -> int:
@@ -83,11 +72,13 @@ class StreamHost:
     def listen(self, seconds: float = 0.0) -> None:
         """Take requests for so long."""
         end_s = time.monotonic() + seconds
-        while select.select((self._socket,), (), (), max(0.0, end_s - time.monotonic()))[0]:
-            try:
-                self._take(decode_stream(self._socket.recv(REQUEST_BYTES), self._key))
-            except (OSError, FrameError):
-                continue  # a stranger's packet, or word that a robot is gone
+        while True:
+            self._datagrams.wait(end_s - time.monotonic())
+            for datagram in self._datagrams.receive():
+                with contextlib.suppress(FrameError):  # a stranger's packet
+                    self._take(decode_stream(datagram.content, self._key), datagram.arrival_s)
+            if time.monotonic() >= end_s:
+                return
 
     def publish(self, kind: Kind, robot_id: int, stamp_s: float, values: tuple[float, ...]) -> None:
         """Tell a robot, if it asks, what was measured at a time of this machine's monotonic clock.
@@ -110,21 +101,18 @@ class StreamHost:
             stamp_s,
             values,
         )
-        try:
-            self._socket.sendto(encode_stream(frame, self._key), self._robots[robot_id])
-        except OSError:
-            return  # as good as lost: the robot judges by age
+        # What does not get out is as good as lost: the robot judges by age.
+        self._datagrams.send(encode_stream(frame, self._key), self._robots[robot_id])
 
-    def _take(self, frame: StreamFrame) -> None:
+    def _take(self, frame: StreamFrame, arrival_s: float) -> None:
         kind = CONTENT_OF.get(frame.kind)
         listener = self._listeners.get((kind, frame.robot_id)) if kind else None
         if listener is None:
             raise FrameError(Refusal.MISDIRECTED)
-        now = time.monotonic()
         try:
-            listener.session.admit(frame, now)
+            listener.session.admit(frame, arrival_s)
         except FrameError as error:
             if error.cause is not Refusal.UNANSWERED:
                 raise
             # It may have started anew, and needs our challenge to prove that.
-        listener.asked_s = now
+        listener.asked_s = arrival_s

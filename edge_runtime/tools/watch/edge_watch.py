@@ -4,8 +4,6 @@ import argparse
 import contextlib
 import importlib
 import os
-import select
-import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,13 +11,15 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.common.command_line import CommandParser, command, need
-from edge_runtime.common.key_file import read_key
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import endpoint
+from edge_runtime.network.datagrams import Datagrams, listen
+from edge_runtime.telemetry.status import LONGEST
 from edge_runtime.tools.watch import plain
-from edge_runtime.tools.watch.team import WatchedTeam, arrived, listen
+from edge_runtime.tools.watch.team import WatchedTeam
 
 DESCRIPTION: Final = """\
 Show every robot of a team: goals, speed and separation against their limits, rates and missed deadlines,
@@ -49,6 +49,7 @@ examples:
   ssh -t station edge-watch --fleet team.toml       over ssh, which needs -t for a terminal
   python -m edge_runtime.tools.watch --fleet team.toml    the same command"""
 PLAIN_S: Final = 1.0
+QUESTION: Final = "is this the machine that [watch] names, and does no other edge-watch run on it?"
 ONCE_S: Final = 3.0
 """Longest wait of --once: a robot talks five times a second."""
 
@@ -63,20 +64,19 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def open_watch(fleet: Fleet, key_file: Path | None) -> tuple[WatchedTeam, socket.socket]:
+def open_watch(fleet: Fleet, key_file: Path | None) -> tuple[WatchedTeam, Datagrams]:
     """Open what the robots send to.
 
     Raises:
         ConfigError: if the fleet names no watcher, the key cannot be used, or the address is not ours.
     """
-    if fleet.watch is None or fleet.carrier is None:
+    if fleet.watch is None:
         refuse(fleet.path, "watch", 'missing; add [watch] address = "10.0.0.5:47900", this machine\'s')
-    key = read_key(key_file or fleet.path.parent / Path(fleet.carrier.key).expanduser())
-    team = WatchedTeam((robot.id for robot in fleet.robots), key)
-    return team, listen(endpoint(fleet.watch.address))
+    team = WatchedTeam((robot.id for robot in fleet.robots), team_key(fleet, key_file))
+    return team, listen(endpoint(fleet.watch.address), LONGEST, QUESTION)
 
 
-def print_lines(team: WatchedTeam, opened: socket.socket, ended: Callable[[], bool]) -> None:
+def print_lines(team: WatchedTeam, opened: Datagrams, ended: Callable[[], bool]) -> None:
     """Print a line for each robot, each second."""
     due_s = time.monotonic() + PLAIN_S
     while not ended():
@@ -86,7 +86,7 @@ def print_lines(team: WatchedTeam, opened: socket.socket, ended: Callable[[], bo
             print(*plain.lines(team), sep="\n", flush=True)
 
 
-def print_once(team: WatchedTeam, opened: socket.socket, ended: Callable[[], bool]) -> bool:
+def print_once(team: WatchedTeam, opened: Datagrams, ended: Callable[[], bool]) -> bool:
     """Print a line for each robot as soon as all were heard; whether they were."""
     until_s = time.monotonic() + ONCE_S
     while not ended() and not team.all_heard and time.monotonic() < until_s:
@@ -95,11 +95,10 @@ def print_once(team: WatchedTeam, opened: socket.socket, ended: Callable[[], boo
     return team.all_heard
 
 
-def _receive(team: WatchedTeam, opened: socket.socket, until_s: float) -> None:
+def _receive(team: WatchedTeam, opened: Datagrams, until_s: float) -> None:
     """Wait for packets, not beyond a time, and take them in."""
-    select.select([opened], [], [], min(0.2, max(0.0, until_s - time.monotonic())))
-    for packet in arrived(opened):
-        team.take(packet)
+    opened.wait(min(0.2, until_s - time.monotonic()))
+    team.receive(opened)
 
 
 @command("edge-watch")

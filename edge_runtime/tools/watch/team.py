@@ -1,16 +1,15 @@
 """What the watcher has heard: each robot's newest status, and when it came."""
 
-import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
 
-from edge_runtime.config.network import Endpoint
-from edge_runtime.errors import ConfigError
-from edge_runtime.telemetry.status import LONGEST, Status, StatusError, decode
+from edge_runtime.network.datagrams import Datagrams
+from edge_runtime.network.seal import FrameError
+from edge_runtime.telemetry.status import Status, decode
 
 SILENT_S: Final = 1.0
 """A robot is silent when its newest status is older: five in a row were lost, or it is gone."""
@@ -52,11 +51,16 @@ class WatchedTeam:
         """Packets that were not taken in, by cause."""
         self._key, self._clock, self._wall_clock = key, clock, wall_clock
 
+    def receive(self, datagrams: Datagrams) -> None:
+        """Take in what has arrived."""
+        for datagram in datagrams.receive():
+            self.take(datagram.content)
+
     def take(self, packet: bytes) -> None:
         """Take in one packet, or count why not."""
         try:
             status = decode(packet, self._key)
-        except StatusError as error:
+        except FrameError as error:
             self.dropped[str(error)] += 1
             return
         if status.robot_id not in self.heard:
@@ -86,31 +90,3 @@ class WatchedTeam:
 
 def _order(status: Status) -> tuple[float, int]:
     return status.started_s, status.sequence
-
-
-def listen(address: Endpoint) -> socket.socket:
-    """Open the socket that the robots send to.
-
-    Raises:
-        ConfigError: if this machine does not have the address, or another process holds the port.
-    """
-    opened = socket.socket(socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM)
-    opened.setblocking(False)
-    try:
-        opened.bind(address)
-    except OSError as error:
-        opened.close()
-        raise ConfigError(
-            f"cannot listen on {address[0]} port {address[1]} ({error.strerror}); "
-            "is this the machine that [watch] names, and does no other edge-watch run on it?"
-        ) from error
-    return opened
-
-
-def arrived(opened: socket.socket) -> Iterator[bytes]:
-    """Yield the packets that have arrived; never blocks."""
-    while True:
-        try:
-            yield opened.recv(LONGEST + 1)  # one more: longer packets must not look whole
-        except BlockingIOError:
-            return

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from edge_runtime.common.printable import printable
 from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status
 from edge_runtime.tools.watch.team import WatchedTeam
 
@@ -15,11 +16,6 @@ class Cell(NamedTuple):
 
     text: str
     good: bool | None = None
-
-
-def printable(text: str) -> str:
-    """Replace what a terminal might take for a command."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def state(team: WatchedTeam, robot_id: int) -> Cell:
@@ -36,8 +32,15 @@ def state(team: WatchedTeam, robot_id: int) -> Cell:
     return Cell("driving", True)
 
 
+def goal(status: Status) -> Cell:
+    """Distance to the goal."""
+    return Cell("-" if status.goal_distance_m is None else f"{status.goal_distance_m:.2f}")
+
+
 def speed(status: Status) -> Cell:
     """Speed over its limit."""
+    if status.velocity_m_s is None:
+        return Cell("-")
     value, limit = math.hypot(*status.velocity_m_s), status.speed_limit_m_s
     if limit is None:
         return Cell(f"{value:.2f}")
@@ -47,7 +50,7 @@ def speed(status: Status) -> Cell:
 def nearest(status: Status) -> Cell:
     """Distance to the nearest teammate over the margin."""
     value, margin = status.nearest_m, status.margin_m
-    if not math.isfinite(value):
+    if value is None:
         return Cell("-")
     if margin is None:
         return Cell(f"{value:.2f}")

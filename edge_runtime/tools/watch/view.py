@@ -6,6 +6,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from edge_runtime.common.printable import printable
 from edge_runtime.telemetry.status import Status
 from edge_runtime.tools.watch import text
 from edge_runtime.tools.watch.team import WatchedTeam
@@ -61,7 +62,7 @@ def _robots(team: WatchedTeam) -> Table:
         if heard:
             status = heard.status
             cells += [
-                text.Cell(f"{status.goal_distance_m:.2f}"),
+                text.goal(status),
                 text.speed(status),
                 text.nearest(status),
                 text.rate(status),
@@ -80,8 +81,7 @@ def _stop_reasons(team: WatchedTeam) -> list[Text]:
         if heard and heard.status.stop_reason and not team.silent(robot_id):
             stopped.setdefault(heard.status.stop_reason, []).append(str(robot_id))
     return [
-        Text(f"stopped {', '.join(robots)}: {text.printable(reason)}", "red")
-        for reason, robots in stopped.items()
+        Text(f"stopped {', '.join(robots)}: {printable(reason)}", "red") for reason, robots in stopped.items()
     ]
 
 
@@ -90,7 +90,7 @@ def _objectives(statuses: list[Status]) -> Table:
     places = dict.fromkeys(
         (place, objective.name) for status in statuses for place, objective in enumerate(status.objectives)
     )
-    table = _table("cost", *(text.printable(name) for _, name in places))
+    table = _table("cost", *(printable(name) for _, name in places))
     for status in statuses:
         items = {(place, item.name): item for place, item in enumerate(status.objectives)}
         cells = [text.objective(items[place]) if place in items else text.Cell("-") for place in places]
@@ -100,7 +100,7 @@ def _objectives(statuses: list[Status]) -> Table:
 
 def _times(statuses: list[Status]) -> Table:
     stages = dict.fromkeys(stage for status in statuses for stage in status.stages)
-    table = _table("p50/p99 ms", "tick", *map(text.printable, stages), gap=1)
+    table = _table("p50/p99 ms", "tick", *map(printable, stages), gap=1)
     for status in statuses:
         spans = (status.stages.get(stage) for stage in stages)
         cells = [text.milliseconds(span) if span else "-" for span in spans]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edge_runtime.common.key_file import read_key
+from edge_runtime.config.keys import operator_key, team_key
 from edge_runtime.run.flags import make_mission, read_flags
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
@@ -55,15 +55,13 @@ def check_robot(scenario: Scenario, station: Station) -> None:
     mission = make_mission(flags)
     link.make_spec(station.robot_id, mission.bundle.manifest, link.options_from(flags), mission.rate_hz)
     if scenario.fleet.carrier is not None:
-        read_key(Path(scenario.fleet.carrier.key))
+        team_key(scenario.fleet)
 
 
 def open_operator(scenario: Scenario) -> OperatorLink:
     """Return an operator's link to all robots; who answers it has a control loop that ticks."""
-    carrier = scenario.fleet.carrier
-    assert carrier is not None  # noqa: S101 - for the type checker: a team of processes has one
     ports = {station.robot_id: (HOST, station.port) for station in scenario.stations}
-    return OperatorLink(ports, read_key(Path(carrier.operator_key or carrier.key)), ANSWER_S)
+    return OperatorLink(ports, operator_key(scenario.fleet), ANSWER_S)
 
 
 def report_path(scenario: Scenario, robot_id: int) -> Path:

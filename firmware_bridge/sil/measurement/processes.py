@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.common.child import python_command
+from edge_runtime.common.closing import Closing
 from edge_runtime.recording import logger_process
 from firmware_bridge.guard import process as guard_process
 
@@ -55,7 +56,7 @@ class Child:
         return lines[-1] if lines else "it said nothing"
 
 
-class ProcessGroup:
+class ProcessGroup(Closing):
     """The run's processes; leaving the context ends all of them, and their children.
 
     Args:
@@ -67,11 +68,7 @@ class ProcessGroup:
         self._folder = folder
         self._grandchildren: dict[int, int] = {}
 
-    def __enter__(self) -> "ProcessGroup":
-        """Nothing runs yet."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """Kill whatever is left."""
         self.notice_grandchildren()
         for child in self.children.values():

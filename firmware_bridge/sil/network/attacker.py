@@ -16,7 +16,8 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.messages import RobotState
-from edge_runtime.network.team_wire import FRAME_BYTES, MAGIC, Frame, encode
+from edge_runtime.network.seal import MAGIC_BYTES, Magic
+from edge_runtime.network.team_wire import FRAME_BYTES, Frame, encode
 from firmware_bridge.sil.scenario.faults import Hostile
 from firmware_bridge.sil.scenario.ports import HOST
 from firmware_bridge.sil.scenario.start_gate import await_start, sleep_until
@@ -69,7 +70,7 @@ class Forger:
         return self._foreign(receiver)[: self._draw.randrange(FRAME_BYTES)]
 
     def _noise(self, receiver: int) -> bytes:  # noqa: ARG002 - one signature for all kinds
-        return MAGIC + self._draw.randbytes(FRAME_BYTES - len(MAGIC))
+        return Magic.TEAM + self._draw.randbytes(FRAME_BYTES - MAGIC_BYTES)
 
 
 def bursts(fault: Hostile) -> Iterator[tuple[float, int]]:

@@ -4,6 +4,7 @@ import secrets
 from collections.abc import Sequence
 from pathlib import Path
 
+from edge_runtime.common.paths import named_file
 from edge_runtime.common.toml_file import Table
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.sil.scenario.ports import HOST, Network
@@ -61,10 +62,10 @@ def resolved(table: Table, folder: Path) -> Table:
         carrier = dict(table["carrier"])
         for name in ("key", "operator_key"):
             if name in carrier:
-                carrier[name] = str(folder / Path(carrier[name]).expanduser())
+                carrier[name] = str(named_file(folder, carrier[name]))
         if "tls" in carrier:
             files = carrier["tls"].items()
-            carrier["tls"] = {name: str(folder / Path(file).expanduser()) for name, file in files}
+            carrier["tls"] = {name: str(named_file(folder, file)) for name, file in files}
         moved["carrier"] = carrier
     if "team" in table:
         moved["team"] = _with_policy(table["team"], folder)

@@ -1,13 +1,14 @@
 """Orders and answers survive the way; nothing else passes for one."""
 
+import math
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from edge_runtime.network.order_wire import (
-    ANSWER_MAGIC,
-    ORDER_MAGIC,
-    PACKET_BYTES,
+    FILE_BYTES,
     Abort,
     Ask,
     Commit,
@@ -19,11 +20,12 @@ from edge_runtime.network.order_wire import (
     encode_answer,
     encode_order,
 )
-from edge_runtime.network.team_wire import LAST_TICK, FrameError, Refusal
+from edge_runtime.network.seal import FrameError, Magic, Refusal
+from edge_runtime.network.team_wire import LAST_TICK
 
 KEY = bytes(range(32))
 longs = st.integers(0, 2**64 - 1)
-common = (longs, longs, st.integers(0, 65535), longs, st.floats(allow_nan=False))
+common = (longs, longs, st.integers(0, 65535), longs, st.floats(-1e12, 1e12))
 orders = st.one_of(
     *(st.builds(kind, *common) for kind in (Ask, Abort, Stop)),
     st.builds(Commit, *common, tick=st.integers(1, LAST_TICK)),
@@ -73,15 +75,33 @@ def test_an_answer_is_no_order_and_an_order_no_answer():
         Commit(1, 2, 3, 4, 5.0, tick=-1),
         Commit(1, 2, 3, 4, 5.0, tick=LAST_TICK + 1),
         Propose(1, 2, 3, 4, 5.0, version=2**32, file="f", content=b""),
-        Propose(1, 2, 3, 4, 5.0, version=1, file="f", content=bytes(PACKET_BYTES)),
+        Propose(1, 2, 3, 4, 5.0, version=1, file="f", content=bytes(FILE_BYTES + 1)),
+        Propose(1, 2, 3, 4, 5.0, version=1, file="f" * 256, content=b""),
+        *(Stop(1, 2, 3, 4, expiry) for expiry in (math.nan, math.inf, -math.inf, 1e300)),
     ],
 )
 def test_what_holds_the_key_but_fits_no_frame_is_refused(order):
     assert refusal(decode_order, encode_order(order, KEY)) is Refusal.MALFORMED
 
 
+def test_the_longest_file_fits():
+    most = 2**64 - 1
+    order = Propose(
+        most, most, 65535, most, 1e12, version=2**32 - 1, file="ä" * 255, content=bytes(FILE_BYTES)
+    )
+    assert decode_order(encode_order(order, KEY), KEY) == order
+
+
+@pytest.mark.parametrize("field", ["stamp_s", "rate_hz", "nominal_rate_hz"])
+@pytest.mark.parametrize("number", [math.nan, math.inf, -1e300])
+def test_an_answer_with_a_number_that_no_robot_has_is_refused(field, number):
+    assert (
+        refusal(decode_answer, encode_answer(replace(STANDING, **{field: number}), KEY)) is Refusal.MALFORMED
+    )
+
+
 @settings(deadline=None)
-@given(junk=st.binary(max_size=200), magic=st.sampled_from([b"", ORDER_MAGIC, ANSWER_MAGIC]))
+@given(junk=st.binary(max_size=200), magic=st.sampled_from([b"", Magic.ORDER, Magic.ANSWER]))
 def test_junk_is_refused(junk, magic):
     for decode in (decode_order, decode_answer):
         assert refusal(decode, magic + junk) in (Refusal.MALFORMED, Refusal.FOREIGN)

@@ -12,16 +12,8 @@ from msgspec.structs import replace
 
 from edge_runtime.common.bounds import GREATEST, GREATEST_SPEED_M_S
 from edge_runtime.messages import RobotState
-from edge_runtime.network.team_wire import (
-    FRAME_BYTES,
-    LAST_TICK,
-    Frame,
-    FrameError,
-    GuideVersions,
-    Refusal,
-    decode,
-    encode,
-)
+from edge_runtime.network.seal import FrameError, Refusal
+from edge_runtime.network.team_wire import FRAME_BYTES, LAST_TICK, Frame, GuideVersions, decode, encode
 
 KEY = bytes(range(32))
 FRAME = Frame(

@@ -6,9 +6,10 @@ import pytest
 from ports import free_port
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.network.datagrams import DRAIN
 from edge_runtime.network.order_wire import PACKET_BYTES
 from edge_runtime.network.team_wire import FRAME_BYTES
-from edge_runtime.network.udp import DRAIN, UdpCarrier
+from edge_runtime.network.udp import UdpCarrier
 
 
 @pytest.fixture(params=["127.0.0.1", "::1"])
@@ -66,18 +67,17 @@ def test_failing_sockets_are_counted(pair):
         def recvmsg_into(self, *_):
             raise OSError(errno.ENETDOWN, "down")
 
-    one._socket.close()
-    one._socket, kept = Failing(), one._socket
+    kept, one._datagrams._socket = one._datagrams._socket, Failing()
     one.send(2, b"x")
     one.send(2, b"x")
     assert list(one.receive()) == []
     assert one.failures == {"EAGAIN": 1, "ENETUNREACH": 1, "ENETDOWN": DRAIN}
-    one._socket = kept
+    one._datagrams._socket = kept
 
 
 def test_a_taken_port_and_a_foreign_address_are_refused(pair):
     one, _ = pair
-    host, port, *_ = one._socket.getsockname()
+    host, port, *_ = one._datagrams._socket.getsockname()
     with pytest.raises(ConfigError, match=f"cannot listen on .* port {port} \\(Address already in use\\)"):
         UdpCarrier((host, port), {})
     with pytest.raises(ConfigError, match="Cannot assign requested address"):

@@ -1,6 +1,7 @@
 """Orders in memory: a change of all at one tick, or of none; no order acts twice, late or for another run."""
 
 import itertools
+import math
 import random
 
 import pytest
@@ -9,21 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.guidance.settings import ObjectiveSet
-from edge_runtime.network.order_wire import (
-    Abort,
-    Ask,
-    Commit,
-    Propose,
-    Stop,
-    decode_answer,
-    encode_order,
-)
+from edge_runtime.network.order_wire import Abort, Ask, Commit, Propose, Stop, decode_answer, encode_order
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.team.orders import HOLD_S
 
 SLOW = b'[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n'
 SLOWER = SLOW.replace(b"0.1", b"0.05")
-LATER = 1e9
+VALID_S = 5.0
 
 
 class Operator:
@@ -34,9 +27,10 @@ class Operator:
         self.numbers = itertools.count(1)
         self.standings = {}
 
-    def send(self, robot_id, kind, expires_s=LATER, **content):
+    def send(self, robot_id, kind, valid_s=VALID_S, **content):
         known = self.standings.get(robot_id)
         boot = known.boot_id if known else 0
+        expires_s = self.world.clock(robot_id) + valid_s
         order = kind(self.session, next(self.numbers), robot_id, boot, expires_s, **content)
         self.world.network.carry(OPERATOR, robot_id, encode_order(order, self.key))
 
@@ -270,6 +264,16 @@ def test_recorded_orders_do_nothing_in_another_run_or_later(ready):
     world.ticks(3)
     assert world.teams[0].stop_reason == "" and world.teams[0]._orders._proposal is None
     assert world.teams[0].report().refused["expired"] == 2
+
+
+@pytest.mark.parametrize("valid_s", [math.nan, math.inf, 1e300, 60.0, -0.1])
+def test_no_order_holds_for_ever(ready, valid_s):
+    world, operator = ready
+    operator.send(0, Stop, valid_s=valid_s)
+    world.ticks(3)
+    assert world.teams[0].stop_reason == ""
+    refused = world.teams[0].report().refused
+    assert refused.get("expired", 0) + refused.get("malformed", 0) == 1
 
 
 def test_orders_for_others_and_by_others_are_refused(ready):

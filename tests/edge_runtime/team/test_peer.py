@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.messages import RobotState
+from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.session import WINDOW
-from edge_runtime.network.team_wire import Frame, FrameError, Refusal
+from edge_runtime.network.team_wire import Frame
 from edge_runtime.team.peer import Peer
 
 BOOT, NEXT_BOOT = 11, 12

@@ -17,9 +17,9 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command, RobotState
+from edge_runtime.network.datagrams import Datagram
+from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
-from edge_runtime.network.team_wire import FrameError, Refusal
-from edge_runtime.network.udp import Datagram
 from edge_runtime.team.frame_rotation import turned
 from edge_runtime.team.membership import Alone, open_fleet
 from edge_runtime.team.streams import Stream, Streams

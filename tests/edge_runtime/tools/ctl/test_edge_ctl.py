@@ -156,4 +156,6 @@ def test_a_team_without_a_network_cannot_be_ordered(tmp_path, capsys):
     path = tmp_path / "fleet.toml"
     path.write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 1]\n")
     assert order("stop", path) == 2
-    assert "fleet.toml: carrier: missing: no operator reaches robots" in capsys.readouterr().err
+    assert (
+        "fleet.toml: carrier: missing: these robots are simulated in one process" in capsys.readouterr().err
+    )

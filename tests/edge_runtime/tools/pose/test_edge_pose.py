@@ -200,9 +200,8 @@ def test_a_group_is_joined_where_the_server_is_reached(path, place):
 def test_a_network_that_is_gone_for_a_while_is_waited_for(path, place, monkeypatch):
     with Motive() as motive, published(path, place, motive) as feed:
         assert watch(path, bool)
-        gone = Gone(feed._command)
-        monkeypatch.setattr(feed, "_command", gone)
-        monkeypatch.setattr(feed, "_data", gone)
+        gone = Gone(feed._command._socket)
+        monkeypatch.setattr(feed._command, "_socket", gone)
         assert gone.failed.wait(HANG_S)
         gone.there = True
         assert watch(path, bool)
@@ -220,8 +219,8 @@ class Gone:
     def sendto(self, *arguments):
         return self._whole().sendto(*arguments)
 
-    def recvfrom(self, *arguments):
-        return self._whole().recvfrom(*arguments)
+    def recvmsg_into(self, *arguments):
+        return self._whole().recvmsg_into(*arguments)
 
     def _whole(self):
         if not self.there:

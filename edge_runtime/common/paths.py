@@ -1,0 +1,17 @@
+"""Files that other files name."""
+
+from pathlib import Path
+
+from edge_runtime.errors import ConfigError
+
+
+def named_file(folder: Path, name: str) -> Path:
+    """Return the file of a name, which is relative to a folder; ``~`` is the user's own.
+
+    Raises:
+        ConfigError: if this system does not know the user's folder.
+    """
+    try:
+        return folder / Path(name).expanduser()
+    except RuntimeError as error:  # no HOME, and no entry for the user
+        raise ConfigError(f"{name}: this user has no home directory; name the file in full") from error
