@@ -16,7 +16,7 @@ COMMANDS = {
     "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
     "pictures": "benchmarks.pictures",
-    "recording": "benchmarks.recording",
+    "recording": "benchmarks.recording.recording_command",
     "sil": "benchmarks.sil.sil_command",
 }
 

@@ -3,12 +3,12 @@
 The packaged policies drive. The episode is the first that the tuned default satisfies, until it has.
 """
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.flags import make_parser
 from benchmarks.paper.rows import Setting
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tracks import SETTING, Track, follow
@@ -29,7 +29,7 @@ LONGEST_S = {"navigation": 12.0, "balance": 30.0, "sampling": 15.0}
 
 def main(arguments: Sequence[str]) -> int:
     """Draw the pictures that are asked for."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks pictures", description=__doc__)
+    parser = make_parser("pictures", __doc__)
     names = ", ".join(LONGEST_S)
     parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"any of {names} (default: all)")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="DIR", help="where the pictures go")

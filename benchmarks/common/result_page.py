@@ -26,6 +26,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
+from benchmarks.common.flags import make_parser
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import (
     Figure,
@@ -49,22 +50,6 @@ def add_html_flag(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--html", type=Path, metavar="FILE", help="write a page there that fetches nothing and runs no script"
     )
-
-
-def write_html(
-    path: Path | None,
-    text: str,
-    folder: Path = Path(),
-    drawings: Mapping[str, str] = NO_DRAWINGS,
-    verdicts: Sequence[Verdict] = (),
-) -> None:
-    """Write the page that `make_page` composes, if there is a path for it.
-
-    Raises:
-        ConfigError: as `make_page`, or if the system does not take the file.
-    """
-    if path is not None:
-        write_page(make_page(text, folder, drawings, verdicts), path)
 
 
 def make_page(
@@ -125,13 +110,13 @@ def table_line(cells: Sequence[str]) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Write the page of one Markdown file."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks page", description=__doc__.partition("\n")[0])
+    parser = make_parser("page", __doc__)
     parser.add_argument("markdown", type=Path, help="such as benchmarks/results/latency/latency.md")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE")
     flags = parser.parse_args(arguments)
     check_writable(flags.output)
     text = _read(flags.markdown).decode()
-    write_html(flags.output, text, flags.markdown.parent)
+    write_page(make_page(text, flags.markdown.parent), flags.output)
     return 0
 
 

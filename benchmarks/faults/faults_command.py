@@ -15,8 +15,9 @@ from pathlib import Path
 
 from rich.progress import Progress
 
+from benchmarks.common.flags import COUNT, make_parser
 from benchmarks.common.result_file import read_result, replaced, write_result
-from benchmarks.common.result_page import add_html_flag, check_writable, write_html
+from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
 from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     rows = replaced(read_result(options.json, list[FaultRow], default=[]), rows, measured)
     write_result(options.json, rows)
     if options.html:
-        write_html(options.html, render(rows), drawings={"stops.svg": draw(rows)})
+        write_page(make_page(render(rows), drawings={"stops.svg": draw(rows)}), options.html)
     return 0
 
 
@@ -71,10 +72,10 @@ def _measure(options: argparse.Namespace, progress: Progress) -> Iterator[FaultR
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks faults", description=__doc__)
+    parser = make_parser("faults", __doc__)
     parser.add_argument(
         "--trials",
-        type=int,
+        type=COUNT,
         default=200,
         help=f"of each fault; {COMMANDS_A_TRIAL} bad commands and {FRAMES_A_TRIAL} forged frames for each",
     )
@@ -87,8 +88,6 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, default=RESULTS, help="where the rows go")
     add_html_flag(parser)
     options = parser.parse_args(arguments)
-    if options.trials < 1:
-        parser.error(f"--trials must be positive, got {options.trials}")
     if options.realtime:
         options.only = [name for name in options.only or NAMES if name not in (BAD_COMMANDS, FORGED_FRAMES)]
     return options

@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
-from benchmarks.common.result_page import add_html_flag, check_writable, write_html
+from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
 from benchmarks.latency import footprint, limit, machine, paced
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks latency", description=__doc__)
+    parser = make_parser("latency", __doc__)
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
@@ -71,7 +72,8 @@ def run_short(
     verdicts = judge(budgets, timings)
     for line in [*map(str, verdicts), *(f"INVALID, the machine is not quiet: {reason}" for reason in noise)]:
         print(line)
-    write_html(html, page.render_short(case, rows, verdicts, noise))
+    if html:
+        write_page(make_page(page.render_short(case, rows, verdicts, noise)), html)
     return rows, _exit_code(verdicts, noise)
 
 
@@ -105,7 +107,8 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     for index, growth in enumerate(growths):
         pictures.draw_sweep(growth, out / f"sweep_{index}.png")
     pictures.draw_paced(result.paced, out / "paced.png")
-    write_html(html, text, out)
+    if html:
+        write_page(make_page(text, out), html)
     print(text)
     return [*default, *small, *rows, *result.paced], _exit_code(verdicts, result.noise)
 

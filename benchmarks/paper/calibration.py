@@ -17,7 +17,6 @@ whoever drives, which geometry and dynamics decide beforehand:
 Where tolerances bring a definition equally near, to a twentieth of a unit, the widest is taken.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -30,12 +29,13 @@ import numpy as np
 import torch
 from msgspec import structs
 
+from benchmarks.common.flags import add_policies, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.common.result_page import table
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.judges import Flags, Judge, Outcome
 from benchmarks.paper.methods import decider
-from benchmarks.paper.policies import POLICIES, find_policy
+from benchmarks.paper.policies import find_policy
 from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Descent, Shield
 from benchmarks.paper.tasks import Task, make_task
@@ -189,9 +189,9 @@ def distance(task: str, figures: Sequence[Sequence[float]]) -> float:
 
 def main(arguments: Sequence[str]) -> int:
     """Weigh all candidates of a task; writes them with the nearest first."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks calibration", description=__doc__)
+    parser = make_parser("calibration", __doc__)
     parser.add_argument("task", choices=list(GROUPS))
-    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
+    add_policies(parser)
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     bundle = load_bundle(find_policy(options.policies, options.task, "mappo", seed=0))

@@ -4,7 +4,6 @@ Writes the validated points to ``benchmarks/results/paper/curves.csv`` and draws
 five seeds, and the range between the worst and the best.
 """
 
-import argparse
 import csv
 from collections import defaultdict
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import NamedTuple
 import matplotlib as mpl
 import numpy as np
 
+from benchmarks.common.flags import make_parser
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
 
@@ -84,7 +84,7 @@ def draw(points: Sequence[Point], path: Path) -> None:
 
 def main(arguments: Sequence[str]) -> int:
     """Read, write, draw; returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks curves", description=__doc__)
+    parser = make_parser("curves", __doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR")
     points = read_points(parser.parse_args(arguments).runs)
     OUT.mkdir(parents=True, exist_ok=True)

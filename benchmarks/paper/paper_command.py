@@ -9,10 +9,11 @@ from pathlib import Path
 
 from rich.progress import Progress
 
+from benchmarks.common.flags import add_rows, make_parser
 from benchmarks.paper.candidates import ALONE, METHODS, PROJECTIONS, scaled
 from benchmarks.paper.evaluation import EVALUATION_SEED, evaluate
 from benchmarks.paper.paper_page import write_page
-from benchmarks.paper.policies import POLICIES, SEEDS
+from benchmarks.paper.policies import SEEDS
 from benchmarks.paper.rows import Question
 from benchmarks.paper.settings import Settings
 from benchmarks.paper.tasks import TASKS
@@ -97,18 +98,9 @@ def _tune(options: argparse.Namespace) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks paper",
-        description=__doc__,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = make_parser("paper", __doc__, EXAMPLES)
     parser.add_argument("--quick", action="store_true", help="a short form that leaves nothing behind")
     parser.add_argument("--tune", action="store_true", help="choose the methods' settings instead")
     parser.add_argument("--methods", nargs="*", choices=METHODS, default=METHODS, help="to tune (all)")
-    parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
-    parser.add_argument("--episodes", type=int, default=1000, help="of each row of the tables (1000)")
-    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
+    add_rows(parser, tuple(TASKS), 1000, RESULTS)
     return parser.parse_args(arguments)

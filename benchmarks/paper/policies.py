@@ -6,8 +6,6 @@ from pathlib import Path
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import MANIFEST_FILE
 
-POLICIES = Path(__file__).parents[1] / "policies"
-"""The committed bundles of all seeds."""
 SEEDS = 10
 """Of every method in the tables."""
 FIRST_FRESH_SEED = 5

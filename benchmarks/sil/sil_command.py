@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from benchmarks.common.flags import make_parser
 from benchmarks.sil.cases import Case, cases, soak
 from benchmarks.sil.rows import (
     HEAD,
@@ -28,6 +29,8 @@ from benchmarks.sil.rows import (
     sizes_table,
 )
 from benchmarks.sil.run import run_case
+from edge_runtime.doctor.finding import Verdict
+from edge_runtime.doctor.machine import realtime as permitted
 from edge_runtime.errors import EdgeError
 from firmware_bridge.sil.scenario.team_file import NEAREST
 
@@ -42,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
     Returns 1 if a quiet machine did not show what was asked, 3 if only a disturbed one did not.
     """
     options = _parse(arguments)
-    realtime = _has_realtime()
+    realtime = permitted(wanted=True).verdict is Verdict.OK
     if not realtime:
         print("real-time scheduling is not permitted here: all rows run without", file=sys.stderr)
     chosen = [case for case in (*cases(), soak()) if options.only in case.name]
@@ -67,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks sil", description=__doc__)
+    parser = make_parser("sil", __doc__)
     add = parser.add_argument
     add("--short", action="store_true", help="a few seconds a row")
     add("--soak", action="store_true", help="also the ten minutes of eight robots")
@@ -89,13 +92,3 @@ def _row(case: Case, *, short: bool, realtime: bool) -> CaseRow:
 def _size(robots: int, rate_hz: float, *, realtime: bool) -> Size:
     case = soak()._replace(robots=robots, rate_hz=rate_hz, long_s=10.0)
     return size_of(run_case(case, short=False, realtime=realtime), min(NEAREST, robots - 1))
-
-
-def _has_realtime() -> bool:
-    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    except OSError:
-        return False
-    os.sched_setscheduler(0, before, parameters)
-    return True

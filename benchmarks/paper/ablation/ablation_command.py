@@ -7,10 +7,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.common.flags import add_rows, make_parser
 from benchmarks.paper.ablation.ablation_page import write_ablation
 from benchmarks.paper.ablation.variants import Variant, variants
 from benchmarks.paper.evaluation import EVALUATION_SEED, evaluate
-from benchmarks.paper.policies import POLICIES
 from benchmarks.paper.rows import Question
 from benchmarks.paper.settings import Descent
 from benchmarks.paper.tasks import TASKS
@@ -69,11 +69,7 @@ def question(task: str, variant: Variant, seed: int, episodes: int) -> Question:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks ablation", description=__doc__)
-    parser.add_argument("--tasks", nargs="*", choices=list(TASKS), default=list(TASKS))
-    parser.add_argument("--episodes", type=int, default=200, help="of each row (200)")
+    parser = make_parser("ablation", __doc__)
     parser.add_argument("--seeds", type=int, nargs="*", default=HELD_OUT, help="of the policies (1 2)")
-    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
+    add_rows(parser, tuple(TASKS), 200, RESULTS)
     return parser.parse_args(arguments)

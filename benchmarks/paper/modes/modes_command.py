@@ -8,13 +8,14 @@ import msgspec
 import numpy as np
 import torch
 
+from benchmarks.common.flags import COUNT, add_policies, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.common.result_page import table
 from benchmarks.paper.evaluation import commit
 from benchmarks.paper.methods import decider
 from benchmarks.paper.modes.meetings import Meetings, meet
 from benchmarks.paper.modes.picture import Panel, along, draw_meetings, most_divided
-from benchmarks.paper.policies import POLICIES, digest, find_policy
+from benchmarks.paper.policies import digest, find_policy
 from benchmarks.paper.settings import UNGUIDED, Mean, Settings
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import tuned_default
@@ -56,7 +57,12 @@ class MeetingRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 def main(arguments: Sequence[str]) -> int:
     """Returns 0; errors are the caller's to show."""
-    options = _parse(arguments)
+    parser = make_parser("modes", __doc__)
+    parser.add_argument("--samples", type=COUNT, default=50, metavar="N", help="episodes of a scene (50)")
+    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the policies (1 2)")
+    add_policies(parser)
+    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
+    options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     rows, panels = _measure(options)
     write_result(options.json, rows)
@@ -131,12 +137,3 @@ def _measure(options: argparse.Namespace) -> tuple[list[MeetingRow], list[Panel]
 
 def _percent(flags: np.ndarray) -> float:
     return 100.0 * float(flags.mean())
-
-
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks modes", description=__doc__)
-    parser.add_argument("--samples", type=int, default=50, metavar="N", help="episodes of a scene (50)")
-    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the policies (1 2)")
-    parser.add_argument("--policies", type=Path, default=POLICIES, metavar="DIR")
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
-    return parser.parse_args(arguments)

@@ -7,13 +7,13 @@ import pytest
 from paths import ROOT
 
 from benchmarks.common.result_file import read_result
-from benchmarks.common.result_page import main, make_page, table, write_html
+from benchmarks.common.result_page import main, make_page, table
 from benchmarks.faults.rows import FaultRow
 from benchmarks.faults.rows import draw as draw_faults
 from benchmarks.faults.rows import render as render_faults
-from benchmarks.recording import Overhead
-from benchmarks.recording import draw as draw_recording
-from benchmarks.recording import render as render_recording
+from benchmarks.recording.rows import Overhead
+from benchmarks.recording.rows import draw as draw_recording
+from benchmarks.recording.rows import render as render_recording
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import Figure, Note, Table, Verdict, render
 
@@ -89,8 +89,7 @@ def test_a_table_reads_back():
 def test_pictures_are_taken_into_the_page(tmp_path):
     (tmp_path / "dot.png").write_bytes(PIXEL)
     (tmp_path / "dot.svg").write_text('<?xml version="1.0"?>\n<svg viewBox="0 0 1 1"><path id="a"/></svg>')
-    write_html(tmp_path / "page.html", "# t\n\ns\n\n![a](dot.png)\n![b](dot.svg)\n", tmp_path)
-    html = (tmp_path / "page.html").read_text()
+    html = render(make_page("# t\n\ns\n\n![a](dot.png)\n![b](dot.svg)\n", tmp_path))
     assert 'viewBox="0 0 2 3"' in html
     assert base64.b64encode(PIXEL).decode() in html
     assert "<?xml" not in html
@@ -115,10 +114,10 @@ def test_the_recorded_rows_become_pages():
     pytest.importorskip("matplotlib")
     faults = read_result(RESULTS / "faults.json", list[FaultRow])
     recorded = read_result(RESULTS / "recording.json", Overhead)
-    rows, hand_over = recorded.rows, recorded.hand_over
+    rows = recorded.rows
     for text, drawings, names in (
         (render_faults(faults), {"stops.svg": draw_faults(faults)}, {row.fault for row in faults}),
-        (render_recording(rows, hand_over), {"ticks.svg": draw_recording(rows)}, {r.quantity for r in rows}),
+        (render_recording(recorded), {"ticks.svg": draw_recording(rows)}, {r.quantity for r in rows}),
     ):
         page = make_page(text, drawings=drawings)
         items = [item for section in page.sections for item in section.items]

@@ -11,6 +11,7 @@ import torch
 from msgspec import structs
 from scipy import stats
 
+from benchmarks.common.flags import POLICIES
 from benchmarks.common.result_file import read_result, write_result
 from benchmarks.paper import evaluation
 from benchmarks.paper import paper_command as command
@@ -20,7 +21,7 @@ from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
 from benchmarks.paper.methods import decider
 from benchmarks.paper.neighbourhood import Neighbourhood
-from benchmarks.paper.policies import POLICIES, SEEDS
+from benchmarks.paper.policies import SEEDS
 from benchmarks.paper.rows import Key, Question, Row, Setting, make_row
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
 from benchmarks.paper.statistics import equivalence, summarise, welch
@@ -380,7 +381,7 @@ def test_the_success_table_shows_what_was_not_run():
     assert "| CFPG | 100.0 ± 0.0 (88.7) | not run | not run |" in table
 
 
-def test_wrong_flags_are_refused(capsys):
-    with pytest.raises(SystemExit):
-        command.main(["--tasks", "chess"])
-    assert "invalid choice: 'chess'" in capsys.readouterr().err
+@pytest.mark.parametrize(("flags", "wrong"), [(["--tasks", "chess"], "'chess'"), (["--jobs", "0"], "'0'")])
+def test_wrong_flags_are_refused(flags, wrong):
+    with pytest.raises(ConfigError, match=f"{wrong}.*; see python -m benchmarks paper --help"):
+        command.main(flags)
