@@ -17,6 +17,8 @@ class Bridge(Protocol):
     """What reports call this link, such as ``sim`` or ``can``."""
     max_speed_m_s: float
     """Greatest speed that the link lets through; may be infinite."""
+    complaints: tuple[str, ...]
+    """What the firmware has complained of so far and driven on with, in order."""
 
     def __enter__(self) -> "Bridge":
         """Open the link."""

@@ -32,6 +32,7 @@ from edge_runtime.recording.schema import End
 from edge_runtime.recording.start import logged_set, make_start
 from edge_runtime.recording.wire import (
     REPORT_BYTES,
+    Complaint,
     LogPlan,
     LogReport,
     decode_report,
@@ -154,6 +155,10 @@ class Recorder:
         # A tick without its objectives could not be replayed.
         if self._followed is not guide or not self._ring.put(self._packet):
             self._lost += 1
+
+    def complain(self, text: str) -> None:
+        """Hand over what the robot's firmware complains of; lost if there is no room."""
+        self._ring.put(encode_packet(Complaint(text)))
 
     def end(self, stop_reason: str, *, failed: bool) -> LogReport:
         """Let the logger finish, and return what became of the record."""

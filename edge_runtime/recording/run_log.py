@@ -6,12 +6,12 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from edge_runtime.recording.events import ERROR, INFO, changes, event, objectives_event
+from edge_runtime.recording.events import ERROR, INFO, WARNING, changes, event, objectives_event
 from edge_runtime.recording.log_file import LogFile
 from edge_runtime.recording.poses import team_poses
 from edge_runtime.recording.rotation import LogFiles
 from edge_runtime.recording.schema import TICK_CHANNELS, End, Event, LoggedObjectiveSet, Start, Tick
-from edge_runtime.recording.wire import LogPlan, Packet
+from edge_runtime.recording.wire import Complaint, LogPlan, Packet
 
 
 class RunLog:
@@ -42,6 +42,8 @@ class RunLog:
             self._objectives = record
             self.files.add("objectives", record, self._time_ns)
             self._tell(objectives_event(self._time_ns, record))
+        elif isinstance(record, Complaint):
+            self._tell(event(self._time_ns, WARNING, "firmware", record.text))
         else:
             self._take_end(record)
 

@@ -256,9 +256,21 @@ class PosesInFrame(msgspec.Struct, frozen=True):
     poses: tuple[Pose, ...]
 
 
-EVENTS: Final = ("start", "fault", "recovered", "miss", "cut", "lost", "found", "objectives", "gap", "stop")
+EVENTS: Final = (
+    "start",
+    "fault",
+    "recovered",
+    "miss",
+    "cut",
+    "lost",
+    "found",
+    "objectives",
+    "firmware",
+    "gap",
+    "stop",
+)
 """Fault begins, fault ends, deadlines missed, samples are cut short, teammate lost, teammate found,
-objectives exchanged, ticks lost to the log, run stopped."""
+objectives exchanged, the firmware complains, ticks lost to the log, run stopped."""
 
 TICK_CHANNELS: Final = ("inputs", "state", "observation", "action", "command", "timing")
 """Fields of `Tick`, in the order of their messages."""

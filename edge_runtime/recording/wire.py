@@ -51,7 +51,13 @@ class LogReport(msgspec.Struct, frozen=True):
     """Why, if the system said; empty if all is well."""
 
 
-Packet = Start | LoggedObjectiveSet | Tick | End
+class Complaint(msgspec.Struct, frozen=True):
+    """What the robot's firmware complains of; it goes into the channel of events."""
+
+    text: str
+
+
+Packet = Start | LoggedObjectiveSet | Tick | Complaint | End
 TickParts = tuple[
     int,  # number of the tick
     float,  # its deadline
@@ -66,9 +72,10 @@ TickParts = tuple[
     list[float],  # stage times
 ]
 _TICK: Final = b"T"
-_KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | End]]] = {
+_KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | Complaint | End]]] = {
     b"S": Start,
     b"O": LoggedObjectiveSet,
+    b"C": Complaint,
     b"E": End,
 }
 _LETTERS: Final = {kind: letter for letter, kind in _KINDS.items()}
@@ -81,7 +88,7 @@ _encode: Final = _encoder.encode
 _encode_into: Final = _encoder.encode_into
 
 
-def encode_packet(record: Start | LoggedObjectiveSet | End) -> bytes:
+def encode_packet(record: Start | LoggedObjectiveSet | Complaint | End) -> bytes:
     """Return the packet of a record; MessagePack keeps every float's bits."""
     return _LETTERS[type(record)] + _encode(record)
 

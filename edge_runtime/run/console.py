@@ -83,6 +83,7 @@ def summary(report: RunReport, *, colour: bool) -> str:
         ),
         ("log", _log(report, colour)),
     ]
+    rows += [("complaint", text) for text in report.complaints]
     title = f"robot {report.robot_id}, policy {report.policy} ({report.backend}), bridge {report.bridge}"
     return "\n".join([title, *(f"  {name:<12}{text}" for name, text in rows)])
 

@@ -45,6 +45,7 @@ class Session:
 def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[], str]) -> str:
     """Run the control loop until ``ending`` gives a reason, and return it."""
     controller, grid, timing, monitor = session.controller, session.grid, session.timing, session.monitor
+    told = 0
     while not (reason := ending()):
         deadline_s = grid.wait()
         timing.begin(deadline_s)
@@ -73,6 +74,9 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         session.watch.follow(team, guided, command)
         if session.recorder:
             session.recorder.follow(deadline_s, team, observation, guided, command)
+            for text in bridge.complaints[told:]:
+                session.recorder.complain(text)
+            told = len(bridge.complaints)
     return reason
 
 
@@ -130,6 +134,7 @@ def run(
         session.timing,
         reason,
         bridge=bridge.name,
+        complaints=bridge.complaints,
         backend=controller.policy.backend,
         dry_run=dry_run,
         failed=bool(failure),

@@ -48,6 +48,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """Ticks whose sample was cut short by the deadline."""
     faults: dict[str, int]
     """Ticks that stopped the robot, by reason."""
+    complaints: tuple[str, ...] = ()
+    """What the robot's firmware complained of and drove on with."""
     objective_fault: str = ""
     """The first of them that was an objective's; such a run has failed."""
     tick_us: Percentiles
@@ -81,6 +83,7 @@ def make_report(
     stop_reason: str,
     *,
     bridge: str,
+    complaints: tuple[str, ...] = (),
     backend: str,
     dry_run: bool,
     failed: bool,
@@ -107,6 +110,7 @@ def make_report(
         longest_miss_burst=grid.longest_burst,
         anytime_ticks=monitor.anytime_ticks,
         faults=dict(monitor.faults),
+        complaints=complaints,
         objective_fault=monitor.objective_fault,
         tick_us=timing.tick_us(),
         stage_us=timing.stage_us(),

@@ -49,6 +49,7 @@ class CanLink:
     ) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
         self.firmware_timeout_source = "says the profile"
+        """Who told it, and what may be behind it."""
         self.recoveries = profile.recoveries
         self._profile = profile
         self._codec = codec

@@ -12,6 +12,7 @@ from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.guard.link import Condition, Health, Link, Setpoint, SetpointLimits, Steps
 from firmware_bridge.guard.spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
 from firmware_bridge.guard.wire import (
+    Complaint,
     Counts,
     Event,
     Phase,
@@ -29,6 +30,8 @@ CLOCK_TOLERANCE_S = 1e-3
 REHEARSAL_LEAD_S = 1e-3
 """How long before the next command is expected its way is rehearsed."""
 AT_REST = Setpoint(0, 0.0, (0.0, 0.0), (0.0, 0.0))
+MOST_COMPLAINTS = 50
+"""Told in one run; whoever has that many to tell flickers."""
 _ROUNDING = 1.0 + 1e-9
 
 _TOUCHING = (Phase.ENABLING, Phase.DRIVING, Phase.RECOVERING)
@@ -73,8 +76,8 @@ class Guard:
 
     def __init__(self, link: Link, spec: GuardSpec) -> None:
         self.phase = Phase.WATCHING
-        self.events: deque[Event] = deque()
-        """Changes of phase not yet told to the runtime."""
+        self.events: deque[Event | Complaint] = deque()
+        """Changes of phase, and the firmware's complaints, not yet told to the runtime."""
         self._link = link
         self._spec = spec
         self._leaving = False
@@ -88,6 +91,7 @@ class Guard:
         self._sent = AT_REST
         self._sent_s = -math.inf
         self._rehearsal_due_s = math.inf
+        self._complaints: set[str] = set()
         self._forwarded = self._refused = self._withheld = self._recovered = 0
 
     @property
@@ -221,6 +225,13 @@ class Guard:
             self.stop(health.detail, now_s)
         elif self.phase is Phase.DRIVING and health.condition is not Condition.READY:
             self._recover(health.detail, now_s)
+        elif health.warning:
+            self._complain(health.warning)
+
+    def _complain(self, text: str) -> None:
+        if text not in self._complaints and len(self._complaints) < MOST_COMPLAINTS:
+            self._complaints.add(text)
+            self.events.append(Complaint(text))
 
     def _recover(self, cause: str, now_s: float) -> None:
         allowed = self._link.recoveries if self._spec.arm else 0

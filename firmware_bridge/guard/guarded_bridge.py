@@ -15,6 +15,7 @@ from firmware_bridge.guard.link import Setpoint
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.guard.wire import (
     PACKET_BYTES,
+    Complaint,
     Counts,
     Event,
     Phase,
@@ -45,6 +46,7 @@ class GuardedBridge:
         self.max_speed_m_s = spec.limits.speed_m_s
         self.counts = Counts()
         """What became of the commands, as the guard last reported."""
+        self.complaints: tuple[str, ...] = ()
         self.phase = Phase.WATCHING
         self._spec = spec
         self._reason = ""
@@ -150,6 +152,9 @@ class GuardedBridge:
 
     def _take(self, packet: bytes) -> None:
         answer = decode_answer(packet)
+        if isinstance(answer, Complaint):
+            self.complaints += (answer.text,)
+            return
         self.phase = answer.phase
         if isinstance(answer, Event):
             self._opened = True

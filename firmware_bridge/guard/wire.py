@@ -30,6 +30,7 @@ class Kind(enum.IntEnum):
     STOP = 2
     REPORT = 3
     EVENT = 4
+    COMPLAINT = 5
 
 
 _COMMAND_MARK = struct.pack("<HB", MAGIC, Kind.COMMAND)
@@ -84,6 +85,12 @@ class Event(msgspec.Struct, frozen=True, gc=False):
     text: str
 
 
+class Complaint(msgspec.Struct, frozen=True, gc=False):
+    """What the firmware complains of; nothing changes for it."""
+
+    text: str
+
+
 class WireError(ValueError):
     """A packet that no correct peer sends."""
 
@@ -131,18 +138,22 @@ def encode_report(report: Report, stamp_s: float) -> bytes:
     )
 
 
-def encode_event(event: Event, stamp_s: float) -> bytes:
-    """Return the packet of an event."""
+def encode_event(event: Event | Complaint, stamp_s: float) -> bytes:
+    """Return the packet of an event or a complaint."""
+    if isinstance(event, Complaint):
+        return _EVENT.pack(MAGIC, Kind.COMPLAINT, 0, stamp_s, 0, _text(event.text, 240))
     return _EVENT.pack(MAGIC, Kind.EVENT, 0, stamp_s, event.phase, _text(event.text, 240))
 
 
-def decode_answer(packet: bytes) -> Report | Event:
+def decode_answer(packet: bytes) -> Report | Event | Complaint:
     """Read a packet in the runtime.
 
     Raises:
-        WireError: if it is not exactly one report or event.
+        WireError: if it is not exactly one report, event or complaint.
     """
     kind = _kind(packet)
+    if kind == Kind.COMPLAINT and len(packet) == _EVENT.size:
+        return Complaint(_untext(_EVENT.unpack(packet)[5]))
     if kind == Kind.EVENT and len(packet) == _EVENT.size:
         _, _, _, _, phase, text = _EVENT.unpack(packet)
         return Event(_phase(phase), _untext(text))

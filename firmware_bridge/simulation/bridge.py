@@ -30,6 +30,7 @@ class SimBridge(Closing):
 
     name = "sim"
     max_speed_m_s = math.inf
+    complaints: tuple[str, ...] = ()
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ class FakeLink:
         self.firmware_timeout_s = 0.5
         self.keepalive_period_s = keepalive_period_s
         self.recoveries = recoveries
-        self.condition, self.detail = condition, "detail"
+        self.condition, self.detail, self.warning = condition, "detail", ""
         self.log: list[object] = []
         self.rehearsed: list[tuple[int, float]] = []
         self.failing: set[str] = set()
@@ -53,7 +53,7 @@ class FakeLink:
         self._do("receive")
 
     def health(self, now_s) -> Health:
-        return Health(self.condition, self.detail)
+        return Health(self.condition, self.detail, self.warning)
 
     def state(self) -> RobotState | None:
         return self.newest

@@ -21,6 +21,8 @@ from edge_runtime.errors import BridgeError, PolicyError
 from edge_runtime.messages import RobotState
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.recording.reader import read_log
+from edge_runtime.recording.schema import Event
 from edge_runtime.run import edge_run as run
 from edge_runtime.run import loop
 from edge_runtime.run.bridges import BRIDGES, BridgeModules
@@ -201,6 +203,7 @@ class ScriptedBridge:
 
     name = "scripted"
     max_speed_m_s = math.inf
+    complaints = ()
 
     def __init__(self, script, shut=False):
         self.shut = shut
@@ -312,6 +315,26 @@ def test_a_simulated_team_prepares_its_policy_once(bundle, tmp_path, monkeypatch
 def test_the_end_of_a_run_stops_the_robot(drive):
     _, bridge, _ = drive([state(), state()])
     assert bridge.stops == ["duration", "closed"]
+
+
+def test_what_the_firmware_complains_of_is_in_summary_report_and_log(drive, capfd):
+    def complaining():
+        ScriptedBridge.complaints = ("battery low", "remote control lost")
+        return state()()
+
+    try:
+        code, bridge, path = drive([state(), complaining, state()])
+    finally:
+        ScriptedBridge.complaints = ()
+    assert (code, len(bridge.written)) == (0, 3)
+    report = report_of(path)
+    assert report["complaints"] == ["battery low", "remote control lost"]
+    assert capfd.readouterr().out.count("  complaint   battery low\n") == 1
+    events = [record for record in read_log(Path(report["log"]["path"])) if isinstance(record, Event)]
+    assert [event.message for event in events if event.name == "firmware"] == [
+        "battery low",
+        "remote control lost",
+    ]
 
 
 def test_a_dry_run_computes_but_commands_nothing(drive, capfd):

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
-from firmware_bridge.guard.core import Guard, check_firmware_timeout, limit_fault
+from firmware_bridge.guard.core import MOST_COMPLAINTS, Guard, check_firmware_timeout, limit_fault
 from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
-from firmware_bridge.guard.wire import Counts, Event, Phase, encode_command, encode_stop
+from firmware_bridge.guard.wire import Complaint, Counts, Event, Phase, encode_command, encode_stop
 
 
 class Rig:
@@ -86,6 +86,34 @@ def test_without_arm_it_waits_until_the_firmware_is_ready():
     rig.run(0.04)
     assert [entry[0] for entry in rig.link.log] == ["send", "send"]
     assert rig.causes() == ["already enabled"]
+
+
+def test_a_complaint_of_the_firmware_is_told_once_and_changes_nothing():
+    rig = Rig().driving()
+    rig.link.warning = "battery low"
+    rig.run(0.1)
+    rig.link.warning = ""
+    rig.run(0.1)
+    rig.link.warning = "battery low"
+    rig.run(0.1)
+    assert list(rig.guard.events) == [Complaint("battery low")]
+    assert rig.guard.phase is Phase.DRIVING
+    assert [entry[0] for entry in rig.link.log] == ["send"] * 15
+
+
+def test_a_firmware_that_never_ends_complaining_is_cut_short():
+    rig = Rig().driving()
+    for number in range(MOST_COMPLAINTS + 10):
+        rig.link.warning = f"number {number}"
+        rig.run(0.02)
+    assert rig.causes() == [f"number {number}" for number in range(MOST_COMPLAINTS)]
+
+
+def test_a_fault_is_no_mere_complaint():
+    rig = Rig().driving()
+    rig.link.condition, rig.link.warning = Condition.FAULT, "battery low"
+    rig.run(0.02)
+    assert rig.causes() == ["detail"]
 
 
 @pytest.mark.parametrize("condition", [Condition.OVERRIDE, Condition.LOST])

@@ -14,6 +14,7 @@ from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import Setpoint
 from firmware_bridge.guard.wire import (
+    Complaint,
     Counts,
     Event,
     Phase,
@@ -46,7 +47,7 @@ class Played:
         return ours, subprocess.Popen([sys.executable, "-c", self.lifetime])
 
     def tell(self, event) -> None:
-        encode = encode_event if isinstance(event, Event) else encode_report
+        encode = encode_report if isinstance(event, Report) else encode_event
         self.socket.send(encode(event, 1.0))
 
     def heard(self):
@@ -83,6 +84,15 @@ def test_states_and_counts_come_back(bridge, guard):
     guard.tell(Report(Phase.DRIVING, Counts(6, 2, 3, 4, 5), None))
     assert bridge.read() == STATE
     assert bridge.counts == Counts(6, 2, 3, 4, 5)
+    assert bridge.phase is Phase.DRIVING
+
+
+def test_complaints_are_kept_in_order(bridge, guard):
+    guard.tell(Report(Phase.DRIVING, Counts(), STATE))
+    guard.tell(Complaint("battery low"))
+    guard.tell(Complaint("remote control lost"))
+    assert bridge.read() == STATE
+    assert bridge.complaints == ("battery low", "remote control lost")
     assert bridge.phase is Phase.DRIVING
 
 

@@ -60,6 +60,21 @@ def stands_by(chassis):
     return lambda: chassis.ids()[-1:] == [0x421] and chassis.frames[-1][1] == ZERO
 
 
+def test_a_complaint_arrives_while_the_robot_drives_on(address):
+    with Chassis(address) as chassis, GuardedBridge(patient_spec(address)) as bridge:
+        numbers = itertools.count()
+
+        def command():
+            bridge.write(Command(3, next(numbers), time.monotonic(), (0.0, 0.0), (0.5, 0.0)))
+            return bridge.complaints
+
+        until(lambda: command() or drives(chassis)(), 0.02)
+        chassis.errors = {"BatteryLow": 1}
+        until(command, 0.02)
+        assert bridge.complaints == ("the firmware warns (SystemState.BatteryLow = 1)",)
+        assert bridge.phase is Phase.DRIVING
+
+
 def test_enables_before_it_drives(address):
     with Chassis(address) as chassis:
         runtime, _ = start_runtime(patient_spec(address))

@@ -8,6 +8,7 @@ from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Setpoint
 from firmware_bridge.guard.wire import (
     PACKET_BYTES,
+    Complaint,
     Counts,
     Event,
     Phase,
@@ -43,6 +44,11 @@ def test_reports_come_back(report):
 @given(st.sampled_from(Phase), st.text(st.characters(min_codepoint=1, max_codepoint=127), max_size=240))
 def test_events_come_back(phase, text):
     assert decode_answer(encode_event(Event(phase, text), 1.0)) == Event(phase, text)
+
+
+@given(st.text(st.characters(min_codepoint=1, max_codepoint=127), max_size=240))
+def test_complaints_come_back(text):
+    assert decode_answer(encode_event(Complaint(text), 1.0)) == Complaint(text)
 
 
 def test_stops_come_back():
