@@ -38,6 +38,8 @@ class Monitor:
         """Ticks that stopped the robot, by reason."""
         self.objective_fault = ""
         """The first fault that was an objective's."""
+        self.saw_itself = False
+        """Whether the robot's own state was ever known."""
         self.settled = True
         """Whether the objectives have held long enough to be judged."""
         self.anytime_ticks = 0
@@ -50,6 +52,7 @@ class Monitor:
 
     def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Take one tick into account."""
+        self.saw_itself = True
         self.settled = team.own.stamp_s >= self._settled_s
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
         self._follow_team(states)

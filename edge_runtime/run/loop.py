@@ -15,7 +15,7 @@ from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
-from edge_runtime.errors import EdgeError
+from edge_runtime.errors import BridgeError, EdgeError
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.run.console import LiveLine
 from edge_runtime.run.run_report import RunReport, make_report
@@ -25,6 +25,8 @@ from edge_runtime.telemetry.status_sender import Watch, open_watch
 STAGES: Final = ("read", "observe", "act", "limit", "write")
 ACTION_SHARE: Final = 0.8
 """Share of the period by whose end the action must be sampled; the rest is for the command's way out."""
+DURATION: Final = "duration"
+"""Why a run ends whose time is up."""
 HOLD_S: Final = 1.0
 """The run ends when all robots have been at their goals for this long."""
 
@@ -114,7 +116,7 @@ def run(
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
-        duration = "duration" if grid.next_s >= duration_s else ""
+        duration = DURATION if grid.next_s >= duration_s else ""
         reason = signals.reason or fleet.stop_reason
         return reason or ("goals held" if monitor.all_hold and not stay else duration)
 
@@ -125,6 +127,8 @@ def run(
             with signals.insist(duration_s):
                 reason = drive(session, bridge, fleet, over)
             bridge.stop(reason)
+            if reason == DURATION and not monitor.saw_itself:
+                raise BridgeError("the robot's own state was never known: ask edge-doctor")
     except (EdgeError, Overdue) as error:
         reason = failure = str(error)
     return make_report(

@@ -11,6 +11,7 @@ from typing import cast
 from edge_runtime.errors import BridgeError, ConfigError
 from firmware_bridge.guard.link import Condition, Health, Link, Setpoint, SetpointLimits, Steps
 from firmware_bridge.guard.spec import LONGEST_FIRMWARE_TIMEOUT_S, GuardSpec
+from firmware_bridge.guard.speeding import Speeding
 from firmware_bridge.guard.wire import (
     Complaint,
     Counts,
@@ -84,6 +85,7 @@ class Guard:
         self._deaf = False
         self._last_sequence = -1
         self._fresh_until_s = -math.inf
+        self._speeding = Speeding(spec.limits.speed_m_s)
         self._steps: Steps = iter(())
         self._step_due_s = math.inf
         self._stop_until_s = math.inf
@@ -223,6 +225,8 @@ class Guard:
     def _judge(self, health: Health, now_s: float) -> None:
         if health.condition in (Condition.OVERRIDE, Condition.LOST):
             self.stop(health.detail, now_s)
+        elif self.phase is Phase.DRIVING and (speeding := self._speeding.fault(self._link.state(), now_s)):
+            self.stop(speeding, now_s)
         elif self.phase is Phase.DRIVING and health.condition is not Condition.READY:
             self._recover(health.detail, now_s)
         elif health.warning:

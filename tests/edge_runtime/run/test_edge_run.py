@@ -291,6 +291,14 @@ def test_no_state_yet_commands_nothing(drive):
     assert report_of(path)["faults"] == {"no own state yet": 2}
 
 
+def test_a_run_that_never_knew_its_robot_has_failed(drive):
+    """A vehicle that hears nothing of us, or whose estimator never starts."""
+    code, bridge, path = drive([None, None, None])
+    assert (code, bridge.written) == (1, [])
+    assert report_of(path)["failed"]
+    assert "own state was never known" in report_of(path)["stop_reason"]
+
+
 def test_a_non_finite_gradient_commands_zero(drive, tmp_path):
     (tmp_path / "broken.py").write_text(
         "import math\nfrom edge_runtime.objectives import Objective, Slope\n"

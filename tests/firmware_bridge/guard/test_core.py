@@ -490,3 +490,36 @@ def test_firmware_timeouts_up_to_a_second_are_fine(timeout_s):
     link = FakeLink()
     link.firmware_timeout_s = timeout_s
     check_firmware_timeout(link, allow_unsafe=False)
+
+
+class TestMeasuredSpeed:
+    """Limit 1 m/s: a robot that is measured above it for long is stopped, whatever it was commanded."""
+
+    @staticmethod
+    def going(speed_m_s):
+        return RobotState(1, 100.0, (0.0, 0.0), (speed_m_s * 0.6, -speed_m_s * 0.8), 0.0)
+
+    @pytest.mark.parametrize(("speed_m_s", "stops"), [(1.0, False), (1.29, False), (1.31, True), (3.0, True)])
+    def test_it_may_overshoot_and_not_speed(self, speed_m_s, stops):
+        rig = Rig(FakeLink(recoveries=3)).driving()
+        rig.link.newest = self.going(speed_m_s)
+        rig.run(1.0)
+        assert (rig.guard.phase >= Phase.STOPPING) is stops
+        if stops:
+            assert rig.causes()[0] == f"the robot goes at {speed_m_s:.2f} m/s, over the limit of 1 m/s"
+            assert rig.guard.report().counts.recoveries == 0
+
+    def test_for_a_moment_it_may(self):
+        rig = Rig().driving()
+        for _ in range(5):
+            rig.link.newest = self.going(2.0)
+            rig.run(0.46)
+            rig.link.newest = self.going(0.5)
+            rig.run(0.04)
+        assert rig.guard.phase is Phase.DRIVING
+
+    def test_by_hand_it_may(self):
+        rig = Rig(FakeLink(Condition.WAITING), arm=False)
+        rig.link.newest = self.going(3.0)
+        rig.run(2.0)
+        assert rig.guard.phase is Phase.WATCHING
