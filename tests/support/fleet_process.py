@@ -67,7 +67,10 @@ def main(fleet_file, robot_id, loss):
             if guide := link.new_guide():
                 version = guide.version
             mates = [mate.state.robot_id for mate in team.teammates]
-            show({"mates": mates, "newest": newest, "tick": link.tick, "version": version})
+            refused = sum(link.report().refused.values())
+            show(
+                {"mates": mates, "newest": newest, "tick": link.tick, "version": version, "refused": refused}
+            )
         show(link.report())
 
 

@@ -4,9 +4,10 @@ import gc
 import os
 import subprocess
 import sys
-import time
+from types import SimpleNamespace
 
 import pytest
+from clocks import Clock
 
 from edge_runtime.common import realtime
 from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
@@ -82,16 +83,24 @@ def test_frozen_garbage_is_not_visited():
         gc.unfreeze()
 
 
-def test_an_early_wake_warms_up_before_the_deadline_and_keeps_it():
-    warmed = []
-    grid = DeadlineGrid(0.05, sleep=EarlyWake(lambda: warmed.append(time.monotonic()), lead_s=0.02))
-    deadlines = [grid.wait() for _ in range(3)]
-    assert all(early < late <= time.monotonic() for early, late in zip(warmed, deadlines[1:], strict=False))
-    assert len(warmed) >= 1
-    assert deadlines[1:] == sorted(deadlines[1:])
+@pytest.fixture
+def clock(monkeypatch):
+    """Time that passes by sleeping."""
+    made = Clock()
+    monkeypatch.setattr(realtime, "time", SimpleNamespace(monotonic=made, sleep=made.sleep))
+    return made
 
 
-def test_a_sleep_shorter_than_the_lead_has_no_throw_away_tick():
+def test_an_early_wake_warms_up_before_the_deadline_and_keeps_it(clock):
     warmed = []
-    EarlyWake(lambda: warmed.append(1), lead_s=1.0)(0.001)
-    assert warmed == []
+    sleep = EarlyWake(lambda: warmed.append(clock.now) or clock.sleep(0.125), lead_s=0.25)
+    grid = DeadlineGrid(0.5, clock, sleep)
+    assert [grid.wait() for _ in range(3)] == [100.0, 100.5, 101.0]
+    assert warmed == [100.25, 100.75]
+    assert clock.now == 101.0
+
+
+def test_a_sleep_shorter_than_the_lead_has_no_throw_away_tick(clock):
+    warmed = []
+    EarlyWake(lambda: warmed.append(1), lead_s=1.0)(0.5)
+    assert (warmed, clock.now) == ([], 100.5)

@@ -2,24 +2,11 @@
 
 import numpy as np
 import pytest
+from clocks import Clock
 from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
-
-
-class Clock:
-    """Time that passes by sleeping, and by ``now`` being moved."""
-
-    def __init__(self, oversleep=0.0):
-        self.now, self.oversleep = 100.0, oversleep
-
-    def __call__(self):
-        return self.now
-
-    def sleep(self, seconds):
-        assert seconds >= 0.0
-        self.now += seconds + self.oversleep
 
 
 def make_grid(clock, period=0.5):

@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+from waiting import until
 
 from edge_runtime.network.arrival_time import ArrivalClock
 from edge_runtime.network.udp import UdpCarrier
@@ -84,12 +85,15 @@ def test_the_kernel_stamps_what_waits_in_the_queue():
     carrier = UdpCarrier(place, {1: place})
     try:
         assert list(carrier.receive()) == []
-        time.sleep(0.05)  # Linux turns stamping on in the background when the first socket asks for it
-        earliest = time.monotonic()
-        carrier.send(1, b"x")
-        latest = time.monotonic()
-        time.sleep(0.05)
-        (datagram,) = carrier.receive()
-        assert earliest - 1e-3 <= datagram.arrival_s <= latest + 1e-3
+
+        def stamped():
+            earliest = time.monotonic()
+            carrier.send(1, b"x")
+            latest = time.monotonic()
+            time.sleep(0.05)
+            (datagram,) = carrier.receive()
+            return earliest - 1e-3 <= datagram.arrival_s <= latest + 1e-3
+
+        until(stamped)  # Linux turns stamping on in the background when the first socket asks for it
     finally:
         carrier.close()

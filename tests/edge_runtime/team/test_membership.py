@@ -121,15 +121,14 @@ def test_a_killed_process_is_masked_within_three_periods(team):
 def test_hostile_frames_change_nothing(team):
     path, (target, *_) = team
     host, _, port = load_fleet(path).robots[0].address.rpartition(":")
-    draw, sent = random.Random(7), 0
+    draw, refused = random.Random(7), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
-        while sent < 30_000:  # a busy machine drops some before they are read
-            sequences = {int(sequence) for sequence in target.tick()["newest"].values()}
-            assert max(sequences) < UNREACHABLE
+        while refused < 3_000:
+            tick = target.tick()
+            refused = tick["refused"]
+            assert max(map(int, tick["newest"].values())) < UNREACHABLE
             for _ in range(100):
                 attacker.sendto(hostile(draw), (host, int(port)))
-                sent += 1
     rest, report = target.end()
     assert all(max(tick["newest"].values()) < UNREACHABLE for tick in rest)
     assert report["refused"].keys() - {"unanswered"} == {"foreign", "malformed"}
-    assert report["refused"]["foreign"] + report["refused"]["malformed"] >= 10_000

@@ -12,6 +12,7 @@ from fleet_processes import mission, robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ports import free_port
+from waiting import until
 
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.network import endpoint
@@ -66,17 +67,18 @@ def host_for(path, place, key=KEY):
     return StreamHost(place, robots, robots, robots, key)
 
 
-def exchange(link, host, until, pose=POSE, ranges=(0.3,) * RAYS):
+def exchange(link, host, condition, pose=POSE, ranges=(0.3,) * RAYS):
     """Publish and tick until something holds; streams need a few packets to trust each other."""
-    for _ in range(500):
+
+    def tick():
         host.listen(0.005)
         now = time.monotonic()
         host.publish(Kind.POSE, 0, now, pose)
         host.publish(Kind.RANGES, 0, now, ranges)
         located = link.locate(bridge_state())
-        if until(located):
-            return located
-    raise AssertionError("it never held")
+        return located if condition(located) else None
+
+    return until(tick)
 
 
 def test_a_robot_goes_by_its_streams(path, place, link):

@@ -222,10 +222,11 @@ def test_a_guard_has_all_of_its_time_to_open(guard, monkeypatch):  # noqa: ARG00
 
 def test_a_guard_that_does_not_end_is_told(guard, monkeypatch):
     monkeypatch.setattr(bridge_module, "STOPPING_S", 0.05)
-    guard.lifetime = "import time; time.sleep(1)"
+    guard.lifetime = "import time; time.sleep(3600)"
     with pytest.raises(BridgeError, match="did not end within"), GuardedBridge(spec()) as opened:
         pid = opened.guard_pid
     assert pid > 0
+    opened._process.kill()
     opened._process.wait(HANG_S)
 
 

@@ -5,11 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from waiting import HANG_S
+from waiting import HANG_S, until
 
 import edge_runtime
 from edge_runtime.common.signals import StopSignals
@@ -133,11 +132,8 @@ def started_by(folder):
     return found
 
 
-def await_none(folder, seconds=20.0):
-    end = time.monotonic() + seconds
-    while (left := started_by(folder)) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert left == []
+def await_none(folder):
+    until(lambda: not started_by(folder), tell=lambda: started_by(folder))
 
 
 @pytest.fixture
@@ -260,10 +256,7 @@ def test_no_process_outlives_the_harness(folder, number):
     environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
     flags = ("--robots", "2", "--rate", "20", "--duration", "60")
     with subprocess.Popen([*SIL, *flags], stderr=subprocess.PIPE, text=True, env=environment) as harness:
-        end = time.monotonic() + 30.0
-        while len(started_by(folder / "tmp")) < 4:
-            assert harness.poll() is None and time.monotonic() < end
-            time.sleep(0.05)
+        until(lambda: len(started_by(folder / "tmp")) >= 4, by=harness)
         harness.send_signal(number)
         _, words = harness.communicate(timeout=HANG_S)
     await_none(folder / "tmp")
@@ -277,9 +270,7 @@ def test_a_signal_among_the_starts_ends_them(folder):
     with subprocess.Popen(
         [*SIL, "--robots", "8", "--rate", "20"], stderr=subprocess.PIPE, text=True, env=environment
     ) as harness:
-        while not list((folder / "tmp").iterdir()):
-            assert harness.poll() is None
-            time.sleep(0.01)
+        until(lambda: list((folder / "tmp").iterdir()), by=harness)
         harness.send_signal(signal.SIGTERM)
         _, words = harness.communicate(timeout=HANG_S)
     assert (harness.returncode, words) == (1, "edge-sil: ended by SIGTERM\n")

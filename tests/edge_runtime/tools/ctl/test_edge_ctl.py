@@ -54,8 +54,9 @@ def until_told(expected, capsys, act):
     raise AssertionError(f"never said: {expected}")
 
 
-def order(action, path, *more):
-    return ctl.main([action, *map(str, more), "--fleet", str(path)])
+def order(action, path, *more, timeout_s=8):
+    """Give an order; the robots have as long to answer as there may be."""
+    return ctl.main([action, *map(str, more), "--timeout", str(timeout_s), "--fleet", str(path)])
 
 
 def test_all_change_at_one_tick_and_all_stop(team, tmp_path, capsys):
@@ -82,9 +83,9 @@ def test_without_one_of_them_nothing_changes(team, tmp_path, capsys):
     until_told(
         "edge-ctl: nothing was changed: robot 2 does not answer\n",
         capsys,
-        partial(order, "objectives", path, tmp_path / "slow.toml", "--timeout", "0.5"),
+        partial(order, "objectives", path, tmp_path / "slow.toml", timeout_s=0.5),
     )
-    assert order("stop", path) == 1
+    assert order("stop", path, timeout_s=3) == 1
     assert "robot 2 does not answer, and may drive" in capsys.readouterr().err
     processes[2].process.send_signal(signal.SIGCONT)
     assert {row["version"] for row in processes[0].rest()[0]} == {0}
@@ -96,7 +97,7 @@ def test_the_teams_key_orders_nothing_where_the_operator_has_an_own_one(write, t
         process = Process(path, 0, 0.0, stack)
         process.tick()
         key = ("--key-file", tmp_path / "team.key")
-        assert order("stop", path, *key, "--timeout", "0.3") == 1
+        assert order("stop", path, *key, timeout_s=0.3) == 1
         assert "0 robots stopped: robot 0 does not answer" in capsys.readouterr().err
         assert order("stop", path) == 0
 
