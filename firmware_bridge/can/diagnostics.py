@@ -136,7 +136,13 @@ def feedback(link: CanLink, arm: bool, listen_s: float = LISTEN_S) -> Finding:
         health = _listen(link, listen_s)
     finally:
         link.close()
-    return _judge(health, arm)
+    found = _judge(health, arm)
+    if not link.malformed:
+        return found
+    detail = f"{found.detail}; {link.malformed} frames could not be read"
+    if found.verdict is not Verdict.OK:
+        return msgspec.structs.replace(found, detail=detail)
+    return warn(detail, "check wiring, termination, bit rate and --profile")
 
 
 def _listen(link: CanLink, listen_s: float) -> Health:

@@ -112,6 +112,11 @@ class CanLink:
         """Count frames that the transmit queue did not take."""
         return self._dropped
 
+    @property
+    def malformed(self) -> int:
+        """Count what has arrived and could not be understood."""
+        return self._transport.malformed + self._codec.malformed
+
     def send(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
         """Send the frames of one setpoint, once."""
         self._command(self._motion(setpoint))
