@@ -5,6 +5,7 @@ import os
 import threading
 from typing import TextIO
 
+from edge_runtime.common.printable import printed
 from edge_runtime.control.monitor import SETTLE_S, Monitor
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.run.run_report import RunReport
@@ -69,6 +70,7 @@ def use_colour(stream: TextIO) -> bool:
 
 def summary(report: RunReport, *, colour: bool) -> str:
     """The report for a person, a fact a line."""
+    report = printed(report)
     rows = [
         ("stopped", report.stop_reason + (", dry run: nothing was commanded" if report.dry_run else "")),
         ("objectives", _objectives(report)),
