@@ -48,7 +48,8 @@ class CanLink:
         arm: bool = False,
     ) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
-        self.firmware_timeout_source = "says the profile"
+        stated = profile.firmware_timeout_s is not None
+        self.firmware_timeout_source = "says the profile" if stated else "nobody has told it"
         """Who told it, and what may be behind it."""
         self.recoveries = profile.recoveries
         self._profile = profile
