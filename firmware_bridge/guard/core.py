@@ -113,7 +113,7 @@ class Guard:
     def report(self) -> Report:
         """Return what the runtime should know now."""
         counts = Counts(self._forwarded, self._refused, self._withheld, self._link.dropped(), self._recovered)
-        return Report(self.phase, counts, self._link.state())
+        return Report(self.phase, counts, self._link.state(), self._link.firmware_timeout_s)
 
     def next_due_s(self) -> float:
         """Return the monotonic time of the next ``on_time`` that has something to do."""

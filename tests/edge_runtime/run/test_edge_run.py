@@ -204,6 +204,7 @@ class ScriptedBridge:
     name = "scripted"
     max_speed_m_s = math.inf
     complaints = ()
+    reaction = None
 
     def __init__(self, script, shut=False):
         self.shut = shut
