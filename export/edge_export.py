@@ -89,16 +89,9 @@ def _run(arguments: argparse.Namespace) -> str:
 
 def _scenario_facts(origin: PolicyFacts) -> Facts:
     scenario = scenario_facts(origin.scenario, preferred=origin.preferred)
-    return Facts(
-        observation=scenario.observation,
-        action=scenario.action,
-        control_rate_hz=scenario.control_rate_hz,
-        euler_steps=origin.euler_steps,
-        dynamics=scenario.dynamics,
-        body=scenario.body,
-        training=origin.training,
-        start=origin.start,
-    )
+    rate_hz, steps = scenario.control_rate_hz, origin.euler_steps
+    robot = (scenario.dynamics, scenario.body)
+    return Facts(scenario.observation, scenario.action, rate_hz, steps, *robot, origin.training, origin.start)
 
 
 def _check_shape(run_dir: Path, network: FlowNetwork, facts: Facts) -> None:

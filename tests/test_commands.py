@@ -36,7 +36,7 @@ def helped(request):
 
 @pytest.mark.parametrize("name", WORKSTATION)
 def test_a_robot_without_the_workstations_extra_is_told_which(name):
-    code = "import sys; sys.modules['torch'] = None; from edge_runtime.common import commands; commands.{}()"
+    code = "import sys; sys.modules['torch'] = None; from edge_runtime import commands; commands.{}()"
     done = subprocess.run(
         [sys.executable, "-c", code.format(name.replace("-", "_"))],
         capture_output=True, text=True, check=False,
@@ -85,9 +85,8 @@ def script_of(name, before=""):
     return [sys.executable, "-c", f"{before}\nfrom edge_runtime.common.commands import {name} as go; go()"]
 
 
-@pytest.fixture(params=[name for name in SCRIPTS if name not in WORKSTATION])
+@pytest.fixture(params=SCRIPTS)
 def name(request):
-    """Those that load at once: the frame is the same for all."""
     return request.param.replace("-", "_")
 
 

@@ -20,14 +20,15 @@ class FaultRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bridge: str
     trials: int
     p50_ms: float | None = None
+    """Until the stop command stands on the wire."""
     p95_ms: float | None = None
     max_ms: float | None = None
     p95_m: float | None = None
     """Distance from the fault to rest."""
-    passed: int | None = None
-    """Bad commands or forged frames that got through."""
     repeated: int = 0
     """Trials that a busy machine stopped before their fault, run again."""
+    passed: int | None = None
+    """Bad commands or forged frames that got through."""
 
 
 def timed(

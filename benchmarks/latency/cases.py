@@ -20,18 +20,18 @@ DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
-    """The size of one tick; the defaults are the case that every budget is stated for."""
+    """The size of one tick; the defaults are the case that every budget is stated for.
+
+    The number of Euler steps is T, of objectives M, of neighbours K.
+    """
 
     layers: tuple[int, ...] = (256, 256, 256)
-    activation: Activation = "silu"
     observation_dim: int = 32
     action_dim: int = 2
+    activation: Activation = "silu"
     euler_steps: int = 10
-    """T"""
     objectives: int = 2
-    """M"""
     neighbours: int = 3
-    """K"""
     batch: int = 1
 
     def __str__(self) -> str:
@@ -48,12 +48,12 @@ class Workload:
 
     case: Case
     weights: FlowWeights
-    objectives: tuple[Objective, ...]
     observation: Array
     """(B, O)"""
     start: Floats
     """(B, d)"""
     team: TeamBatch
+    objectives: tuple[Objective, ...]
 
     def make_guide(self) -> Guide:
         """The objectives made ready in the paper's mode, the one that all contenders can compute."""

@@ -11,10 +11,6 @@ import numpy as np
 
 from benchmarks.latency.measure import Timing, stolen_share
 
-STOLEN_ALLOWED = 0.03
-CLOCK_SPREAD_ALLOWED = 1.25
-WAKE_P99_ALLOWED_US = 2000.0
-
 
 class Machine(msgspec.Struct, frozen=True):
     """The processor and system of a run."""
@@ -23,12 +19,17 @@ class Machine(msgspec.Struct, frozen=True):
     cores: int
     governor: str
     kernel: str
+    wake_us: tuple[float, float, float]
+    """Lateness of a sleep of 5 ms: p50, p99, p99.9."""
     python: str
     numpy: str
     engine: str
     """The instruction set of the compiled kernel; empty without one."""
-    wake_us: tuple[float, float, float]
-    """Lateness of a sleep of 5 ms: p50, p99, p99.9."""
+
+
+STOLEN_ALLOWED = 0.03
+CLOCK_SPREAD_ALLOWED = 1.25
+WAKE_P99_ALLOWED_US = 2000.0
 
 
 def describe(engine: str, wakes: int = 400) -> Machine:

@@ -14,7 +14,7 @@ from itertools import product
 import msgspec
 import numpy as np
 
-from benchmarks.latency.cases import Case, workload
+from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS
 from benchmarks.latency.measure import Slot, Timing
 from benchmarks.latency.rows import LatencyRow, make_row
@@ -29,19 +29,19 @@ LEAD_S = 0.0003
 class Variant(msgspec.Struct, frozen=True):
     """One paced loop."""
 
-    case: Case
     backend: str
     paced_hz: float
     realtime: bool
     early_wake: bool
     duration_s: float
+    case: Case = DEFAULT
 
 
 def variants(backends: list[str], duration_s: float) -> Iterator[Variant]:
     """Every rate, with and without real-time scheduling, and real-time with an early wake."""
     ways = [(False, False), (True, False), (True, True)]
     for backend, rate, (realtime, early) in product(backends, (50.0, 100.0, 200.0), ways):
-        yield Variant(Case(), backend, rate, realtime, early, duration_s)
+        yield Variant(backend, rate, realtime, early, duration_s)
 
 
 def measure(variant: Variant) -> LatencyRow | str:

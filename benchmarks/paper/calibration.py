@@ -108,12 +108,9 @@ def navigation_groups() -> Iterator[Group]:
     """Speed limits with their time limits, and margins, each with several tolerances."""
     for limit, margin in product((0.2, 0.3), (0.25, 0.3, 0.35, 0.4)):
         steps = int(10 * math.ceil(0.15 * LONGEST_WAY_M / (limit * DT_S)))
-        asked = replace(
-            NAVIGATION,
-            speed_limit=structs.replace(NAVIGATION.speed_limit, limit_m_s=limit),
-            safety_margin=structs.replace(NAVIGATION.safety_margin, distance_m=margin),
-            steps=steps,
-        )
+        slow = structs.replace(NAVIGATION.speed_limit, limit_m_s=limit)
+        apart = structs.replace(NAVIGATION.safety_margin, distance_m=margin)
+        asked = replace(NAVIGATION, speed_limit=slow, safety_margin=apart, steps=steps)
         label = f"limit {limit} m/s, margin {margin} m, {steps} steps"
         yield [
             (f"{label}, tolerance {share:.0%}", replace(asked, tolerance=share))
@@ -125,12 +122,9 @@ def navigation_groups() -> Iterator[Group]:
 def balance_groups() -> Iterator[Group]:
     """Spacings, pulls and time limits, each with several tolerances."""
     for spacing, pull, steps in product((0.12, 0.15), (0.4, 2.0), (300, 400)):
-        asked = replace(
-            BALANCE,
-            spatial_order=structs.replace(BALANCE.spatial_order, pull=pull),
-            spacing=structs.replace(BALANCE.spacing, distance_m=spacing),
-            steps=steps,
-        )
+        order = structs.replace(BALANCE.spatial_order, pull=pull)
+        spaced = structs.replace(BALANCE.spacing, distance_m=spacing)
+        asked = replace(BALANCE, spatial_order=order, spacing=spaced, steps=steps)
         label = f"spacing {spacing} m, pull {pull:g}, {steps} steps"
         yield [
             (f"{label}, tolerance {off} m", replace(asked, spacing_tolerance_m=off))
@@ -142,13 +136,9 @@ def sampling_groups() -> Iterator[Group]:
     """Fences, cluster radii and lengths of episodes, each with several tolerances."""
     for fence, buffer, radius, steps in product((0.2, 0.3), (0.02, 0.05), (0.2, 0.3), (100, 150)):
         enough = SAMPLES_PER_STEP * steps
-        asked = replace(
-            SAMPLING,
-            geofence=structs.replace(SAMPLING.geofence, radius_m=fence, buffer_m=buffer),
-            clustering=structs.replace(SAMPLING.clustering, radius_m=radius),
-            steps=steps,
-            enough_samples=enough,
-        )
+        outside = structs.replace(SAMPLING.geofence, radius_m=fence, buffer_m=buffer)
+        together = structs.replace(SAMPLING.clustering, radius_m=radius)
+        asked = replace(SAMPLING, geofence=outside, clustering=together, steps=steps, enough_samples=enough)
         label = f"fence {fence} + {buffer} m, cluster {radius} m, {steps} steps, {enough:g} samples"
         yield [
             (

@@ -10,12 +10,6 @@ from edge_runtime.run.run_report import RunReport
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Verdict
 
-ALLOWED = 1.05
-"""p99 with recording and watching, in parts of p99 without."""
-QUANTITIES = ("tick p50", "tick p99", "wake p50", "wake p99")
-Reports = Mapping[bool, RunReport]
-"""Robot 0's, without and with recording and watching."""
-
 
 class OverheadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One quantity, medians over the rounds; ratios are of the same round."""
@@ -24,12 +18,11 @@ class OverheadRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: float
     realtime: bool
     rounds: int
+    ratio_extremes: tuple[float, float]
+    """Of any round."""
+    ratio: float
     off_us: float
     on_us: float
-    ratio: float
-    ratio_low: float
-    """The smallest of any round."""
-    ratio_high: float
     lost: int
     """Ticks that were not recorded."""
 
@@ -50,6 +43,11 @@ class Overhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hand_over: HandOver
 
 
+QUANTITIES = ("tick p50", "tick p99", "wake p50", "wake p99")
+Reports = Mapping[bool, RunReport]
+"""Robot 0's, without and with recording and watching."""
+
+
 def read_us(report: RunReport, quantity: str) -> float:
     """One of `QUANTITIES` in a run."""
     what, _, percentile = quantity.partition(" ")
@@ -60,10 +58,14 @@ def read_us(report: RunReport, quantity: str) -> float:
 def make_row(quantity: str, rate: float, rounds: Sequence[Reports], *, realtime: bool) -> OverheadRow:
     """Sum all rounds up."""
     off, on = (np.array([read_us(reports[way], quantity) for reports in rounds]) for way in (False, True))
-    medians = [float(np.median(values)) for values in (off, on, on / off)]
+    medians = [float(np.median(values)) for values in (on / off, off, on)]
     extremes = float((on / off).min()), float((on / off).max())
     lost = sum(reports[True].log.lost for reports in rounds if reports[True].log)
-    return OverheadRow(quantity, rate, realtime, len(rounds), *medians, *extremes, lost)
+    return OverheadRow(quantity, rate, realtime, len(rounds), extremes, *medians, lost)
+
+
+ALLOWED = 1.05
+"""p99 with recording and watching, in parts of p99 without."""
 
 
 def render(measured: Overhead) -> str:
@@ -72,7 +74,7 @@ def render(measured: Overhead) -> str:
     cells = []
     for row in measured.rows:
         times = [f"{value:.1f}" for value in (row.off_us, row.on_us)]
-        ratios = [f"{value:.3f}" for value in (row.ratio, row.ratio_low, row.ratio_high)]
+        ratios = [f"{value:.3f}" for value in (row.ratio, *row.ratio_extremes)]
         cells.append([row.quantity, *times, *ratios])
     row, handed = measured.rows[0], measured.hand_over
     scheduling = "real-time" if row.realtime else "ordinary, as real-time was refused,"

@@ -241,12 +241,15 @@ def _stale(report: SilReport) -> Iterator[str]:
 
 def _show_blackout(report: SilReport) -> str:
     halts = [halt for robot in _driving(report) for halt in robot.halts_s if halt[0] < 3.5 < halt[1]]
-    age = report.team.fleet_used_age_ms
-    if not halts or age is None:
+    if not halts:
         return "-"
     begin, end = min(halt[0] for halt in halts) - 1.0, max(halt[1] for halt in halts) - 4.0
-    oldest = max(robot.fleet_used_age_ms.max for robot in _driving(report) if robot.fleet_used_age_ms)
-    return f"stopped {begin:.2f} s into it, drove {end:.2f} s after it; oldest state used {oldest:.1f} ms"
+    return f"stopped {begin:.2f} s into it, drove {end:.2f} s after it; {_oldest_used(report)}"
+
+
+def _oldest_used(report: SilReport) -> str:
+    oldest = max((r.fleet_used_age_ms.max for r in _driving(report) if r.fleet_used_age_ms), default=0.0)
+    return f"oldest state used {oldest:.1f} ms"
 
 
 def _killed(report: SilReport) -> Iterator[str]:
@@ -258,12 +261,9 @@ def _killed(report: SilReport) -> Iterator[str]:
 
 
 def _show_killed(report: SilReport) -> str:
-    oldest = max((r.fleet_used_age_ms.max for r in _driving(report) if r.fleet_used_age_ms), default=0.0)
-    arrived = sum(robot.goals_reached for robot in _driving(report))
-    return (
-        f"oldest state used {oldest:.1f} ms, {report.team.collisions} collisions, "
-        f"{arrived} of {len(_driving(report))} arrived"
-    )
+    arrived = [robot.goals_reached for robot in _driving(report)]
+    collisions = f"{report.team.collisions} collisions"
+    return f"{_oldest_used(report)}, {collisions}, {sum(arrived)} of {len(arrived)} arrived"
 
 
 def _hostile(report: SilReport) -> Iterator[str]:

@@ -22,36 +22,36 @@ class CaseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One line of the table of what must be seen."""
 
     name: str
-    robots: int
-    rate_hz: float
-    duration_s: float
-    realtime: bool
     asked: str
     seen: str
     missing: tuple[str, ...]
     """What was asked for and not seen."""
+    robots: int
+    rate_hz: float
     disturbed: tuple[str, ...]
     """Why the machine was not quiet."""
+    duration_s: float
+    realtime: bool
     late_before: int = 0
     """Runs before this one that only came late or were disturbed, and were repeated."""
 
 
 class Size(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line of the table of growth; per robot means the mean."""
+    """One line of the table of growth: a robot's own is the mean of runtime, guard and logger.
+
+    The share of ticks is the worst robot's, all cores are those of firmware and plant too, and what a robot
+    sends counts with the headers of IP and UDP.
+    """
 
     robots: int
     rate_hz: float
     neighbours: int
+    disturbed: tuple[str, ...]
     achieved_rate_share: float
-    """Of the worst robot."""
     cpu_cores: float
-    """Of all processes, firmware and plant included."""
     cpu_cores_a_robot: float
-    """Of runtime, guard and logger."""
     memory_mib_a_robot: float
     sent_bytes_a_second: float
-    """Per robot, with the headers of IP and UDP."""
-    disturbed: tuple[str, ...]
 
 
 class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,14 +92,14 @@ def row_of(case: Case, report: SilReport) -> CaseRow:
     """Judge one run."""
     return CaseRow(
         case.name,
-        report.robots_count,
-        report.rate_hz,
-        report.duration_s,
-        report.machine.realtime,
         case.asked,
         case.show(report),
         tuple(map(str, case.judge(report))),
+        report.robots_count,
+        report.rate_hz,
         report.disturbed,
+        report.duration_s,
+        report.machine.realtime,
     )
 
 
@@ -111,18 +111,18 @@ def size_of(report: SilReport, neighbours: int) -> Size:
         count,
         report.rate_hz,
         neighbours,
+        report.disturbed,
         report.team.achieved_rate_share,
         report.team.cpu_cores,
         sum(robot.cpu_cores for robot in report.robots) / count,
         sum(robot.memory_mib for robot in report.robots) / count,
         sent * (FRAME_BYTES + OVERHEAD_BYTES),
-        report.disturbed,
     )
 
 
 def failed(case: Case, words: str) -> CaseRow:
     """Return the row of a run that could not be carried to its end."""
-    return CaseRow(case.name, case.robots, case.rate_hz, 0.0, case.realtime, case.asked, "-", (words,), ())
+    return CaseRow(case.name, case.asked, "-", (words,), case.robots, case.rate_hz, (), 0.0, case.realtime)
 
 
 HEAD = table_head(["", "asked", "seen", ""])
@@ -138,18 +138,11 @@ def line(row: CaseRow) -> str:
 
 def sizes_table(sizes: Sequence[Size]) -> str:
     """Format sizes as a Markdown table."""
-    lines = [
-        [
-            str(size.robots),
-            f"{size.rate_hz:g}",
-            str(size.neighbours),
-            f"{100 * size.achieved_rate_share:.2f}",
-            f"{size.cpu_cores:.2f}",
-            f"{size.cpu_cores_a_robot:.3f}",
-            f"{size.memory_mib_a_robot:.0f}",
-            f"{size.sent_bytes_a_second / 1e3:.1f}",
-        ]
-        for size in sizes
-    ]
-    header = ["robots", "rate Hz", "neighbours", "ticks %", "cores", "cores a robot", "MiB a robot"]
-    return table([*header, "kB/s a robot"], lines)
+    header = "robots, rate Hz, neighbours, ticks %, cores, cores a robot, MiB a robot, kB/s a robot"
+    lines = []
+    for size in sizes:
+        team = [f"{size.robots}", f"{size.rate_hz:g}", f"{size.neighbours}"]
+        ticks, cores = f"{100 * size.achieved_rate_share:.2f}", f"{size.cpu_cores:.2f}"
+        each = [f"{size.cpu_cores_a_robot:.3f}", f"{size.memory_mib_a_robot:.0f}"]
+        lines.append([*team, ticks, cores, *each, f"{size.sent_bytes_a_second / 1e3:.1f}"])
+    return table(header.split(", "), lines)

@@ -8,6 +8,8 @@ from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"
+RATE_HZ = (1.0, 1000.0)
+"""Least and greatest control rate."""
 
 FlowStart = Literal["noise", "zero"]
 """What a flow was trained to start from: standard normal noise, or zero alone (a Gaussian policy's mean)."""
@@ -60,7 +62,25 @@ class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Unguided success on validation episodes, in [0, 1]."""
 
 
-class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class Spaces:
+    """Whatever says what a policy observes and does, by the sizes of both."""
+
+    __slots__ = ()
+    observation: tuple[ObservationField, ...]
+    action: tuple[ActionField, ...]
+
+    @property
+    def observation_dim(self) -> int:
+        """Size O of the observation vector."""
+        return sum(field.size for field in self.observation)
+
+    @property
+    def action_dim(self) -> int:
+        """Size d of the action vector."""
+        return len(self.action)
+
+
+class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """``manifest.json``: everything the robot must know to run the policy as it was trained."""
 
     format: str
@@ -80,13 +100,3 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     files: dict[str, str]
     """SHA-256 of each other file of the bundle, in hexadecimal."""
     start: FlowStart = "noise"
-
-    @property
-    def observation_dim(self) -> int:
-        """Size O of the observation vector."""
-        return sum(field.size for field in self.observation)
-
-    @property
-    def action_dim(self) -> int:
-        """Size d of the action vector."""
-        return len(self.action)

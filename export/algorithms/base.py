@@ -17,19 +17,19 @@ class TrainingSettings:
     frames: int = 700_000
     """Control steps of the team in total."""
     environments: int = 512
+    epochs: int = 4
     steps: int = 25
     """Control steps in each environment between two updates."""
-    epochs: int = 4
     minibatch: int = 3200
     """Samples of single robots in one gradient step."""
+    ratio_change: float | None = None
+    """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
     discount: float = 0.97
     gae_lambda: float = 0.9
     learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3
     final_learning_rate: float = 0.05
     """Share of the learning rates that a linear decay leaves at the end."""
-    ratio_change: float | None = None
-    """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
     moving_moments: bool = True
     """Whether what normalises observations goes on following them. A policy that changes little cannot
     follow it: where one begins well trained, it stays."""

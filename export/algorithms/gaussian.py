@@ -24,7 +24,7 @@ class GaussianNetwork(Actor):
     start = "zero"
 
     def __init__(self, observation_dim: int, action_dim: int) -> None:
-        super().__init__(observation_dim, action_dim)
+        super().__init__(observation_dim, action_dim, (64, 64), "silu")
         self.from_observation = nn.Linear(observation_dim, self.hidden[0])
         self.layers = nn.ModuleList(nn.Linear(m, n) for m, n in pairwise((*self.hidden, action_dim)))
         self.log_deviation = nn.Parameter(torch.full((action_dim,), math.log(INITIAL_DEVIATION)))

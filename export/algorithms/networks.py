@@ -23,11 +23,7 @@ class Actor(nn.Module):
     """What ``as_flow()`` starts from."""
 
     def __init__(
-        self,
-        observation_dim: int,
-        action_dim: int,
-        hidden: tuple[int, ...] = (64, 64),
-        activation: Activation = "silu",
+        self, observation_dim: int, action_dim: int, hidden: tuple[int, ...], activation: Activation
     ) -> None:
         super().__init__()
         self.observation_dim, self.action_dim = observation_dim, action_dim

@@ -15,6 +15,7 @@ from edge_runtime.policy.manifest import (
     Manifest,
     Network,
     ObservationField,
+    Spaces,
     Training,
 )
 from edge_runtime.policy.schema import (
@@ -49,7 +50,7 @@ lidar_range_m = 0.35
 """
 
 
-class Facts(msgspec.Struct, frozen=True):
+class Facts(Spaces, msgspec.Struct, frozen=True):
     """The part of a manifest that is known before any file is written."""
 
     observation: tuple[ObservationField, ...]
@@ -60,11 +61,6 @@ class Facts(msgspec.Struct, frozen=True):
     body: Body
     training: Training | None = None
     start: FlowStart = "noise"
-
-    @property
-    def observation_dim(self) -> int:
-        """Size O of the observation vector."""
-        return sum(field.size for field in self.observation)
 
     def manifest(self, name: str, network: Network | None, files: dict[str, str]) -> Manifest:
         """Complete the manifest of a bundle; without ``network`` it is one for onnxruntime."""

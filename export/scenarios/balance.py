@@ -10,7 +10,7 @@ from vmas.scenarios.balance import Scenario as VmasBalance
 from vmas.simulator.core import Agent
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body, ObservationField
+from edge_runtime.policy.manifest import Body
 from export.scenarios.balance_starts import (
     LINE_LENGTH_M,
     PACKAGE_RADIUS_M,
@@ -19,7 +19,7 @@ from export.scenarios.balance_starts import (
     draw_starts,
 )
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
+from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed, simulate
 
 FORCE_MULTIPLIER = 0.7
 """Newtons that VMAS makes of one unit of action, on a robot of 1 kg."""
@@ -45,15 +45,14 @@ HOLD_STIFFNESS_PER_M = 10.0
 FACTS = ScenarioFacts(
     name="balance",
     robots=ROBOTS,
-    observation=(
-        *OWN_MOTION,
-        ObservationField("package_offset", 2, "m"),
-        ObservationField("line_offset", 2, "m"),
-        ObservationField("package_goal_offset", 2, "m"),
-        ObservationField("package_velocity", 2, "m/s"),
-        ObservationField("line_velocity", 2, "m/s"),
-        ObservationField("line_angular_velocity", 1, "rad/s"),
-        ObservationField("line_sin_2_angle", 1, "1"),
+    observation=observed(
+        ("package_offset", 2, "m"),
+        ("line_offset", 2, "m"),
+        ("package_goal_offset", 2, "m"),
+        ("package_velocity", 2, "m/s"),
+        ("line_velocity", 2, "m/s"),
+        ("line_angular_velocity", 1, "rad/s"),
+        ("line_sin_2_angle", 1, "1"),
     ),
     action=FORCES,
     # The multiplier is stated as inertia: one newton moves 1 / 0.7 kg as VMAS' 0.7 N move 1 kg.

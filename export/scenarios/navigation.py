@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body, ObservationField
+from edge_runtime.policy.manifest import Body
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
+from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed, simulate
 
 ROBOTS = 4
 RADIUS_M = 0.1
@@ -31,11 +31,7 @@ states that guidance leads to and that it would not enter by itself."""
 FACTS = ScenarioFacts(
     name="navigation",
     robots=ROBOTS,
-    observation=(
-        *OWN_MOTION,
-        ObservationField("goal_offset", 2, "m"),
-        ObservationField("proximity", 12, "m"),
-    ),
+    observation=observed(("goal_offset", 2, "m"), ("proximity", 12, "m")),
     action=FORCES,
     dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.35),

@@ -9,11 +9,11 @@ from torch import Tensor
 from vmas.scenarios.sampling import Scenario as VmasSampling
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body, ObservationField
+from edge_runtime.policy.manifest import Body
 from export.scenarios.lidar import disc_ranges
 from export.scenarios.sample_field import BUMPS, HALF_WIDTH_M, SampleField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams
+from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed
 
 ROBOTS = 3
 RADIUS_M = 0.025
@@ -34,11 +34,7 @@ FULL_SCORE_RETURN = 150.0
 FACTS = ScenarioFacts(
     name="sampling",
     robots=ROBOTS,
-    observation=(
-        *OWN_MOTION,
-        ObservationField("ranges", 12, "m"),
-        ObservationField("nearby_samples", 8, "1"),
-    ),
+    observation=observed(("ranges", 12, "m"), ("nearby_samples", 8, "1")),
     action=FORCES,
     dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1),
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.2, lidar_start_rad=0.05),

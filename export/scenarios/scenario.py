@@ -7,37 +7,27 @@ import torch
 from torch import Tensor
 
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import ActionField, Body, ObservationField
+from edge_runtime.policy.manifest import ActionField, Body, ObservationField, Spaces
 
 
 @dataclass(frozen=True)
-class ScenarioFacts:
+class ScenarioFacts(Spaces):
     """What a policy trained here must be told about its robots; the bundle's manifest repeats it."""
 
     name: str
-    robots: int
     observation: tuple[ObservationField, ...]
     action: tuple[ActionField, ...]
-    dynamics: Dynamics
-    body: Body
+    robots: int
     training_steps: int
     """Length of a training episode, in control steps; the critic bootstraps beyond it."""
     evaluation_steps: int
     """Time limit of an evaluated episode, in control steps."""
+    dynamics: Dynamics
+    body: Body
     failure: str
     """What a failed episode is called: ``collision``."""
     failure_decides: bool = True
     """A failed episode counts no further; else it goes on, and can no longer succeed."""
-
-    @property
-    def observation_dim(self) -> int:
-        """Size O of one robot's observation."""
-        return sum(field.size for field in self.observation)
-
-    @property
-    def action_dim(self) -> int:
-        """Size d of one robot's action."""
-        return len(self.action)
 
     @property
     def control_rate_hz(self) -> float:

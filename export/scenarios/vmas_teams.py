@@ -16,7 +16,11 @@ State = dict[str, Tensor]
 """What decides an episode's future besides chance, by name; the first dimension is that of the B teams."""
 
 FORCES = (ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0))
-OWN_MOTION = (ObservationField("position", 2, "m"), ObservationField("velocity", 2, "m/s"))
+
+
+def observed(*others: tuple[str, int, str]) -> tuple[ObservationField, ...]:
+    """Return the fields of an observation: a robot's own motion, then others by name, size and unit."""
+    return tuple(ObservationField(*each) for each in (("position", 2, "m"), ("velocity", 2, "m/s"), *others))
 
 
 def simulate(

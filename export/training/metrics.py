@@ -20,12 +20,12 @@ class MetricsRow:
     frames: int
     seconds: float
     """Wall-clock time of training so far, over all its resumed parts."""
-    mean_return: float | None
-    success: float | None
-    failure: float | None
     ratio_change: float
     value_loss: float
     learning_rate: float
+    mean_return: float | None
+    success: float | None
+    failure: float | None
     validation_return: float | None = None
     validation_success: float | None = None
     validation_failure: float | None = None

@@ -38,12 +38,11 @@ class Channel:
         self._decoder = Decoder(self._signing)
         self._encoder = Encoder(options.source_system, self._autopilot, self._signing)
         self._transport: Transport | None = None
-        self._forgotten = 0
 
     @property
     def dropped(self) -> int:
         """Frames that the port did not take, or of which the network said that they did not arrive."""
-        return 0 if self._transport is None else self._transport.dropped - self._forgotten
+        return 0 if self._transport is None else self._transport.dropped
 
     @property
     def tally(self) -> Tally:
@@ -108,7 +107,7 @@ class Channel:
 
     def forget_dropped(self) -> None:
         """What was said before anybody was known to listen does not count."""
-        self._forgotten = self._opened().dropped
+        self._opened().dropped = 0
 
     def rehearse(self, content: Outgoing, now_s: float) -> None:
         """Encode one message, and forget it."""

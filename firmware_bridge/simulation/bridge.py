@@ -31,7 +31,6 @@ class SimBridge(Closing):
     name = "sim"
     max_speed_m_s = math.inf
     complaints: tuple[str, ...] = ()
-    reaction = None
 
     def __init__(
         self,

@@ -149,13 +149,13 @@ def test_operations_and_traffic_of_a_network_counted_by_hand():
 
 @pytest.mark.parametrize("way", [(False, False), (False, True)])
 def test_a_paced_variant_runs_in_a_process_of_its_own(way):
-    row = paced.measure(paced.Variant(TINY, "numpy", 200.0, *way, 0.3))
+    row = paced.measure(paced.Variant("numpy", 200.0, *way, 0.3, TINY))
     assert (row.paced_hz, row.realtime, row.early_wake) == (200.0, *way)
     assert 0.0 < row.best_us <= row.p99_9_us
 
 
 def test_a_refused_variant_says_why():
-    assert "KeyError" in paced.measure(paced.Variant(TINY, "nobody", 200.0, False, False, 0.1))
+    assert "KeyError" in paced.measure(paced.Variant("nobody", 200.0, False, False, 0.1, TINY))
 
 
 def test_growth_lists_a_sweep_beside_the_papers_terms():
