@@ -9,6 +9,7 @@ import sys
 import pytest
 from paths import ROOT
 
+import edge_runtime
 from edge_runtime.common.commands import COMMANDS
 from edge_runtime.completion.completion import script
 
@@ -36,7 +37,7 @@ def helped(request):
 
 @pytest.mark.parametrize("name", WORKSTATION)
 def test_a_robot_without_the_workstations_extra_is_told_which(name):
-    code = "import sys; sys.modules['torch'] = None; from edge_runtime import commands; commands.{}()"
+    code = "import sys; sys.modules['torch'] = None; from edge_runtime.common import commands; commands.{}()"
     done = subprocess.run(
         [sys.executable, "-c", code.format(name.replace("-", "_"))],
         capture_output=True, text=True, check=False,
@@ -156,3 +157,9 @@ def test_bash_completes_flags_and_choices(tmp_path, words, expected):
         capture_output=True, text=True, check=True, cwd=tmp_path,
     )  # fmt: skip
     assert done.stdout.split() == [expected]
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_command_tells_its_version(name):
+    done = run(SCRIPTS[name], "--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{name} {edge_runtime.__version__}\n", "")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 import msgspec
 
+from edge_runtime import __version__
 from edge_runtime.common.printable import printable
 from edge_runtime.common.streams import lost, open_streams
 from edge_runtime.errors import ConfigError, EdgeError, FailedError
@@ -124,6 +125,8 @@ class CommandParser(argparse.ArgumentParser):
             add_help=add_help,
         )
         self.register("type", Path, _path)
+        if add_help:
+            self.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the command line."""
