@@ -1,1 +1,1 @@
-"""Steering the flow: settings, projections, and `flow`, the method on one page."""
+"""What steers the flow: an objective set, the guide made of it, projections, and `flow`, the method."""

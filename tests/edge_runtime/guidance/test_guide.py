@@ -5,14 +5,16 @@ from pathlib import Path
 
 import pytest
 from bundles import MANIFEST, straight_weights
+from guidance_cases import DYNAMICS, guide_for
 from msgspec.structs import replace
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.guide import digest_of
+from edge_runtime.guidance.guide import digest_of, make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
+from edge_runtime.objectives import Spacing, SpeedLimit
 from edge_runtime.policy.bundle import Bundle
 
 OWN = """
@@ -79,3 +81,29 @@ def test_an_order_loads_no_code(tmp_path, module):
     assert f"'{module}:KeepLeft' was not named by the files that the robot started with" in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert module not in sys.modules
+
+
+def test_a_guide_stays_as_it_was_made():
+    guide = guide_for(
+        [SpeedLimit(limit_m_s=0.1), Spacing(distance_m=0.2), SpeedLimit(limit_m_s=1.0, weight=0.0)]
+    )
+    with pytest.raises(AttributeError, match="immutable"):
+        guide.projection = "none"
+    assert (len(guide.asked.objectives), len(guide.objectives), guide.kernel_terms) == (
+        3,
+        2,
+        ("speed_limit", ""),
+    )
+    assert (guide.preferences, guide.requirements, guide.version) == ((1,), (0,), 0)
+
+
+def test_a_robot_that_is_not_guided_keeps_what_was_asked():
+    asked = ObjectiveSet((SpeedLimit(limit_m_s=0.1),))
+    alone = make_guide(asked, DYNAMICS, guided=False)
+    assert (alone.asked, alone.objectives, alone.corrected) == (asked, (), False)
+    assert alone.digest == digest_of(ObjectiveSet()) != make_guide(asked, DYNAMICS).digest
+
+
+def test_a_flow_that_was_trained_to_start_at_zero_does():
+    assert make_guide(ObjectiveSet(), DYNAMICS, "zero").start_noise == 0.0
+    assert make_guide(ObjectiveSet(), DYNAMICS, "noise").start_noise == 1.0
