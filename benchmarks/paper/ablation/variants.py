@@ -48,50 +48,30 @@ def variants(task: Task, tuned: Guided, descent: Descent) -> Iterator[Variant]:
 
 def _guidance(tuned: Guided) -> Iterator[Variant]:
     """How conflicts are resolved, at the tuned eta, and where along tau guidance acts."""
-    for name, reason, changes in (
-        ("projection none", "The sum of all gradients: what resolving conflicts adds.", {"mode": "none"}),
-        (
-            "projection hierarchical",
-            "Eqs. 14 and 15 taken literally: guidance along the flow only, and no braking.",
-            {"mode": "hierarchical"},
-        ),
-        (
-            "projection cone",
-            "The exact common descent instead of eq. 14, without eq. 15.",
-            {"mode": "cone"},
-        ),
-        (
-            "tau = 1 only",
-            "The flow left alone and its action corrected: what guidance along the flow adds.",
-            {"scale": VANISHING},
-        ),
-    ):
-        yield _changed(name, reason, tuned, guidance=replace(tuned.guidance, **changes))
-    yield _changed(
-        "joint hierarchical",
-        "Eqs. 14 and 15 on the team's joint action, as the paper writes them; compare with hierarchical.",
-        tuned,
-        guidance=replace(tuned.guidance, mode="hierarchical"),
-        joint=True,
+    unresolved, literal, cone, unguided = (
+        replace(tuned.guidance, **changes)
+        for changes in ({"mode": "none"}, {"mode": "hierarchical"}, {"mode": "cone"}, {"scale": VANISHING})
     )
+    reason = "The sum of all gradients: what resolving conflicts adds."
+    yield _changed("projection none", reason, tuned, guidance=unresolved)
+    reason = "Eqs. 14 and 15 taken literally: guidance along the flow only, and no braking."
+    yield _changed("projection hierarchical", reason, tuned, guidance=literal)
+    reason = "The exact common descent instead of eq. 14, without eq. 15."
+    yield _changed("projection cone", reason, tuned, guidance=cone)
+    reason = "The flow left alone and its action corrected: what guidance along the flow adds."
+    yield _changed("tau = 1 only", reason, tuned, guidance=unguided)
+    reason = "Eqs. 14 and 15 on the team's joint action, as the paper writes them; compare with hierarchical."
+    yield _changed("joint hierarchical", reason, tuned, guidance=literal, joint=True)
 
 
 def _deconfliction(tuned: Guided, descent: Descent) -> Iterator[Variant]:
     """Objectives that nobody is judged by: without them, and what they alone bring a baseline."""
-    yield _changed(
-        "deconfliction off",
-        "Objectives as the paper has them, none that keeps robots out of each other's way.",
-        tuned,
-        deconfliction=False,
-    )
-    method = "MAPPO+PGD"
+    reason = "Objectives as the paper has them, none that keeps robots out of each other's way."
+    yield _changed("deconfliction off", reason, tuned, deconfliction=False)
+    method, helped = "MAPPO+PGD", replace(descent, deconfliction=True)
     yield Variant(method, "The baseline as tuned, to compare the next row with.", method, descent)
-    yield Variant(
-        f"{method}, deconfliction on",
-        "What keeping out of each other's way brings without a guided flow.",
-        method,
-        replace(descent, deconfliction=True),
-    )
+    reason = "What keeping out of each other's way brings without a guided flow."
+    yield Variant(f"{method}, deconfliction on", reason, method, helped)
 
 
 def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:

@@ -1,71 +1,41 @@
 """Meetings head-on: what counts as which side, by hand, and that a flow policy knows both."""
 
-import math
-
 import msgspec
 import numpy as np
 import pytest
-import torch
 
 from benchmarks.common.result_file import read_result
 from benchmarks.paper.methods import decider
 from benchmarks.paper.modes import modes_command as modes
-from benchmarks.paper.modes.meetings import HALF_WAY_M, MeetingJudge, Meetings, head_on, meet
+from benchmarks.paper.modes.meetings import HALF_WAY_M, along, head_on, meet, sides
 from benchmarks.paper.modes.modes_command import RESULTS, SCENES, MeetingRow, modes_table, summed_up, two_ways
-from benchmarks.paper.modes.picture import along
-from benchmarks.paper.settings import UNGUIDED, Mean
+from benchmarks.paper.settings import UNGUIDED
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import packaged_bundle
-from export.scenarios.scenario import Transition
-
-EAST = np.array([[1.0, 0.0]])
-NO_REWARD = torch.zeros(1, 2)
 
 
-class Standing:
-    """A world whose robots stand somewhere."""
-
-    def __init__(self, places):
-        self._position = torch.tensor([places])
-
-    def motion(self):
-        return self._position, torch.zeros_like(self._position)
-
-
-def follow(first, second, heading=EAST, arrived=None, touching=None):
+def side_of(first, second, angle=0.0):
     """One meeting of two robots with tracks [(x, y), ...]."""
-    judge = MeetingJudge(np.asarray(heading))
-    for step, places in enumerate(zip(first, second, strict=True)):
-        flags = [torch.tensor([step == when]) for when in (arrived, touching)]
-        judge.add(Standing(places), Transition(NO_REWARD, *flags, torch.tensor([False])))
-    return judge.meetings()
+    (found,) = sides(along(np.stack([first, second], 1)[:, None], np.array([angle])))
+    return found
 
 
 @pytest.mark.parametrize(("y", "side"), [(0.1, 1), (-0.1, -1)])
 def test_the_side_is_where_the_robot_is_when_it_gets_past(y, side):
-    met = follow([(-0.5, -y), (-0.1, y), (0.1, y), (0.5, -y)], [(0.5, y), (0.1, -y), (-0.1, -y), (-0.5, y)])
-    assert met.side.tolist() == [side]
+    first = [(-0.5, -y), (-0.1, y), (0.1, y), (0.5, -y)]
+    assert side_of(first, [(0.5, y), (0.1, -y), (-0.1, -y), (-0.5, y)]) == side
 
 
 def test_sides_turn_with_the_heading_and_agree_for_both_robots():
-    north = np.array([[0.0, 1.0]])
     west_of_it = [(-0.1, -0.5), (-0.1, 0.5)]
     east_of_it = [(0.1, 0.5), (0.1, -0.5)]
-    assert follow(west_of_it, east_of_it, north).side.tolist() == [1]
-    assert follow(east_of_it, west_of_it, -north).side.tolist() == [1]
+    assert side_of(west_of_it, east_of_it, np.pi / 2) == 1
+    assert side_of(east_of_it, west_of_it, -np.pi / 2) == 1
 
 
 def test_robots_that_never_get_past_stand_off():
-    met = follow([(-0.5, 0.0), (-0.1, 0.0)], [(0.5, 0.0), (0.1, 0.0)])
-    assert met.side.tolist() == [0]
-    assert np.isinf(met.arrival[0])
-
-
-def test_arrival_is_the_first_step_and_only_contacts_before_it_count():
-    tracks = [(-0.5, 0.1), (0.5, 0.1), (0.6, 0.1)], [(0.5, -0.1), (-0.5, -0.1), (-0.6, -0.1)]
-    late, early = follow(*tracks, arrived=1, touching=2), follow(*tracks, arrived=1, touching=0)
-    assert (late.arrival[0], late.collided[0], early.collided[0]) == (2, False, True)
+    assert side_of([(-0.5, 0.0), (-0.1, 0.0)], [(0.5, 0.0), (0.1, 0.0)]) == 0
 
 
 def test_scenes_with_two_ways_have_a_tenth_of_the_passes_on_the_rarer_side():
@@ -94,29 +64,18 @@ def test_pictures_turn_every_way_along_x():
 def test_a_flow_passes_on_both_sides_of_the_same_start_and_its_mean_on_one():
     bundle, angle = packaged_bundle("navigation"), np.zeros(24)
     still = modes.contestants()["flow from its mean"]
-    (sampled, _), (mean, tracks) = (
+    sampled, mean = (
         meet(decider(TASKS["navigation"], settings, bundle), angles, seed=0)
         for settings, angles in ((UNGUIDED, angle), (still, angle[:4]))
     )
-    assert {1, -1} <= set(sampled.side.tolist())
-    assert len(set(mean.side.tolist())) == 1
-    assert tracks[0, 0, 0] == pytest.approx([-HALF_WAY_M, 0.0])
+    assert {1, -1} <= set(sides(sampled).tolist())
+    assert len(set(sides(mean).tolist())) == 1
 
 
 def test_rows_add_up_to_all_meetings():
-    side = np.array([1, -1, 0, 1] * SCENES)
-    met = Meetings(side, np.where(side == 0, np.inf, 50.0), side == 0)
-    row = summed_up(UNGUIDED, 1, met, "policy")
-    assert (row.left, row.right, row.stand_off, row.collided) == (50.0, 25.0, 25.0, 25.0)
-    assert (row.two_ways, row.seconds_to_goal) == (100.0, pytest.approx(5.0))
-    assert "| none, eta 0, noise 1 | 50.0 | 25.0 | 25.0 | 100.0 | 25.0 | 5.0 |" in modes_table([row])
-
-
-def test_nobody_arriving_is_no_time():
-    nobody = Meetings(np.zeros(SCENES, np.int64), np.full(SCENES, math.inf), np.zeros(SCENES, bool))
-    row = summed_up(Mean(), 1, nobody, "policy")
-    assert row.seconds_to_goal is None
-    assert "never" in modes_table([row])
+    row = summed_up(UNGUIDED, 1, np.array([1, -1, 0, 1] * SCENES), "policy")
+    assert (row.left, row.right, row.stand_off, row.two_ways) == (50.0, 25.0, 25.0, 100.0)
+    assert "| none, eta 0, noise 1 | 50.0 | 25.0 | 25.0 | 100.0 |" in modes_table([row])
 
 
 def test_the_command_writes_rows_and_a_picture(tmp_path):
