@@ -1,7 +1,6 @@
 """What a guard is started with, and the flags that every guarded bridge shares."""
 
 import argparse
-from typing import Literal
 
 import msgspec
 
@@ -10,8 +9,6 @@ from firmware_bridge.guard.link import SetpointLimits
 
 LONGEST_DEFAULT_DEADLINE_S = 0.1
 LONGEST_FIRMWARE_TIMEOUT_S = 1.0
-
-LinkName = Literal["can", "mavlink"]
 
 
 class GuardFlags(msgspec.Struct, frozen=True):
@@ -25,7 +22,8 @@ class GuardFlags(msgspec.Struct, frozen=True):
 class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything the guard process needs; travels as JSON on its command line."""
 
-    link: LinkName
+    link: str
+    """One of `edge_runtime.run.bridges.BRIDGES` with a ``guard_link``."""
     robot_id: int
     deadline_s: float
     """Longest time without a fresh command."""
