@@ -5,8 +5,7 @@ import pytest
 import torch
 import vmas
 
-from export.evaluation.observation import disc_ranges_batch
-from export.evaluation.outlook import TeamBatch
+from edge_runtime.observation.observer import disc_ranges, ray_directions
 from export.scenarios import make_scenario
 from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
 from export.scenarios.scenario import EpisodeMetrics
@@ -74,17 +73,10 @@ def test_a_robot_computes_the_same_ranges():
     state = scenario.state_dict()
     scenario.load_state_dict({**state, "position": position})
     places = position.double().numpy()
-    views = TeamBatch(
-        robot_id=np.zeros(500, np.int64),
-        position_m=places[:, 0],
-        velocity_m_s=np.zeros((500, 2)),
-        mate_id=np.tile([1, 2], (500, 1)),
-        mate_position_m=places[:, 1:],
-        mate_velocity_m_s=np.zeros((500, 2, 2)),
-        mate_action=np.zeros((500, 2, 2)),
-    )
+    rays = ray_directions(FACTS.body).tolist()
+    found = [disc_ranges(own, mates, rays, FACTS.body) for own, *mates in places.tolist()]
     wanted = scenario.observe()[:, 0, 4:16].numpy()
-    np.testing.assert_allclose(disc_ranges_batch(views, FACTS.body), wanted, atol=1e-4)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
     assert (wanted < FACTS.body.lidar_range_m).sum() > 500
 
 
