@@ -90,7 +90,6 @@ class Facts:
         return filter(None, (self._profile.timeout_parameter, self._profile.loop_rate_parameter))
 
     def _on_parameter(self, parameter: Parameter) -> None:
-        # PX4 puts an integer's bytes into the float: of it only real parameters are asked.
-        integers = self._profile.loop_rate_parameter
-        if parameter.real or parameter.name == integers:
+        # PX4 puts an integer's bytes into the float's place: what is asked of it is real.
+        if parameter.real or parameter.name == self._profile.loop_rate_parameter:
             self._parameters[parameter.name] = max(parameter.value, 0.0)

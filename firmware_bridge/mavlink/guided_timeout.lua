@@ -2,7 +2,7 @@
 -- changes to HOLD. Without this script every release drives on for three seconds (Rover/mode_guided.cpp).
 --
 -- Copy it to APM/scripts on the autopilot's card, set SCR_ENABLE to 1 and restart. No other script there may
--- read MAVLink messages: they would take them from each other. Needs ArduPilot 4.5.
+-- read MAVLink messages: they would take them from each other. Tried with ArduPilot 4.7.
 
 local PARAMETERS, GUIDED, HOLD, SET_POSITION_TARGET_LOCAL_NED = 71, 15, 4, 84
 local WARNING, STEP_MS, MESSAGE_NUMBER_BYTE = 4, 20, 10

@@ -1,5 +1,6 @@
 """The guard's link to an autopilot: setpoints go out once, and only heartbeats prove mode and arming."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -24,6 +25,7 @@ from firmware_bridge.mavlink.streams import Streams
 
 SILENT_S = 3.5
 """Heartbeats come every second: three lost ones are a lost autopilot."""
+BEAT_S = 0.5
 
 
 def make_link(spec: GuardSpec) -> Link:
@@ -41,7 +43,7 @@ class MavlinkLink:
 
     recoveries = 0
     """A mode that this guard did not command is the operator's: it takes no robot a second time."""
-    keepalive_period_s: float = 0.5
+    keepalive_period_s: float = 0.1
 
     def __init__(
         self,
@@ -52,6 +54,7 @@ class MavlinkLink:
     ) -> None:
         self._options = options
         self._now = clock
+        self._beat_due_s = -math.inf
         self._profile = find_profile(options.autopilot)
         self._channel = Channel(options)
         wheels = _wheels(options.point_ahead_m)
@@ -156,10 +159,13 @@ class MavlinkLink:
 
     def keepalive(self, fresh: bool, now_s: float) -> None:
         """Send our heartbeat if ``fresh``; keep clock and streams alive in any case."""
+        self._streams.watch(now_s)
+        if now_s < self._beat_due_s:
+            return
+        self._beat_due_s = now_s + BEAT_S
         if fresh:
             self._channel.send(Beat(), now_s)
         self._channel.send(self._facts.clock.request(now_s), now_s)
-        self._streams.watch(now_s)
         self._channel.renew_signing()
 
     def _known_state(self) -> RobotState:

@@ -16,7 +16,7 @@ def rivalry(channel: Channel) -> str:
         return ""
     return (
         f"two vehicles have one system id, at {home[0]}:{home[1]} and at {rival[0]}:{rival[1]}: "
-        "give each its own (SYSID_THISMAV, MAV_SYS_ID)"
+        "give each its own (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID)"
     )
 
 

@@ -67,7 +67,7 @@ class Streams:
         """Why the poses do not suffice, once they have not for too long."""
         pose_us = round(period_s * 1e6 / 2)
         status = (HEARTBEAT, profile.estimator_message, GPS_RAW_INT, EXTENDED_SYS_STATE)
-        self._wanted_us = dict.fromkeys((ATTITUDE, LOCAL_POSITION_NED), pose_us)
+        self._wanted_us = dict.fromkeys((LOCAL_POSITION_NED, ATTITUDE), pose_us)
         self._wanted_us.update(dict.fromkeys(status, _STATUS_US))
         self._numbers: dict[type[Content], int] = {
             Heartbeat: HEARTBEAT,
@@ -161,8 +161,9 @@ class Streams:
         elif now_s - max(self._sufficed_s, self._settled_s) > PATIENCE_S:
             self.fault = self.shortfall(now_s)
         if self.settled and not self._queue and now_s - self._again_s >= ASK_AGAIN_S:
-            self._again_s = now_s
-            self._queue.extend(message for message in self._heard_s if self._late(message, now_s))
+            self._queue.extend(message for message in self._wanted_us if self._late(message, now_s))
+            if self._queue:
+                self._again_s = now_s
         self.advance(now_s)
 
     def restore(self) -> None:
@@ -188,5 +189,5 @@ class Streams:
             self._settled_s = min(self._settled_s, now_s)
 
     def _late(self, message: int, now_s: float) -> bool:
-        interval_s = 1e-6 * self._wanted_us.get(message, math.inf)
-        return now_s - self._heard_s[message] > max(_LATE_INTERVALS * interval_s, _LATE_S)
+        heard_s = self._heard_s.get(message, math.inf)
+        return now_s - heard_s > max(_LATE_INTERVALS * 1e-6 * self._wanted_us[message], _LATE_S)

@@ -290,10 +290,18 @@ class TestKeepalive:
     def test_the_heartbeat_goes_out_only_while_commands_are_fresh(self, connect, clock):
         link, autopilot = connect("px4")
         autopilot.heard.clear()
-        link.keepalive(False, clock.now_s)
-        assert [m.get_type() for m in autopilot.heard] == ["TIMESYNC"]
-        link.keepalive(True, clock.now_s)
-        assert [m.get_type() for m in autopilot.heard] == ["TIMESYNC", "HEARTBEAT", "TIMESYNC"]
+        told = []
+        for fresh, later_s in ((False, 0.0), (True, 0.1), (True, 0.5)):
+            link.keepalive(fresh, clock.now_s + later_s)
+            told.append([m.get_type() for m in autopilot.heard if m.get_type() != "COMMAND_LONG"])
+        assert told == [["TIMESYNC"], ["TIMESYNC"], ["TIMESYNC", "HEARTBEAT", "TIMESYNC"]]
+
+    def test_a_pose_that_stays_away_is_asked_for_though_nothing_else_comes(self, connect, clock):
+        link, autopilot = connect("px4", punctual=True)
+        wait(link, clock, 1.0)
+        autopilot.heard.clear()
+        link.keepalive(False, clock.now_s + 0.15)
+        assert {m.param1 for m in autopilot.commands(SET_INTERVAL)} & {30.0, 32.0}
 
 
 class TestSigning:
@@ -480,6 +488,14 @@ class TestTimeouts:
     def test_a_rovers_own_is_three_seconds_unless_a_script_tells_another(self, connect):
         assert connect("ardupilot_rover", parameters={})[0].firmware_timeout_s == 3.0
         assert connect("ardupilot_rover", parameters={"GUID_TIMEOUT": 0.5})[0].firmware_timeout_s == 0.5
+
+    def test_an_integers_bytes_are_no_number(self, connect, clock):
+        """PX4 sends integers as they lie in memory: 500 reads as 7e-43."""
+        link, autopilot = connect("px4", parameters={})
+        frame = vehicle_frame(common.MAVLink_param_value_message(b"COM_OF_LOSS_T", 7e-43, 6, 1, 0))
+        autopilot.others.append((HOME, frame))
+        link.receive(clock.now_s)
+        assert link.firmware_timeout_s is None
 
     def test_a_negative_one_is_off(self, connect):
         assert connect("px4", parameters={"COM_OF_LOSS_T": -1.0})[0].firmware_timeout_s == 0.0
