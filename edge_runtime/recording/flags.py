@@ -23,7 +23,7 @@ def add_log_flags(parser: argparse.ArgumentParser) -> None:
     add("--log-dir", type=Path, metavar="DIR", help=f"folder for logs (default: {default_folder()})")
 
     add("--log-file-mb", type=_positive, default=100.0, metavar="MB", help="size of one file (default: 100)")
-    add("--log-file-s", type=_positive, default=600.0, metavar="S", help="length of one file (default: 600)")
+    add("--log-file-s", type=_positive, default=300.0, metavar="S", help="length of one file (default: 300)")
     add(
         "--log-keep-mb",
         type=_positive,

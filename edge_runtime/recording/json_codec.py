@@ -1,6 +1,5 @@
 """The JSON of a log: records to messages and back exactly, and their JSON Schemas."""
 
-import functools
 import math
 import types
 from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -17,23 +16,9 @@ _encode = msgspec.json.encode
 def encode(record: msgspec.Struct) -> bytes:
     """Return a record as JSON: what is None is left out, a number that is not finite becomes a string."""
     encoded = _encode(record)
-    if b"null" in encoded:  # msgspec writes it for both
-        for absent in _absences(type(record)):
-            encoded = encoded.replace(absent, b"")
-        if b"null" in encoded:
-            return _encode(_spelled_out(msgspec.to_builtins(record)))
+    if b"null" in encoded:  # msgspec writes it for both, or it is part of a text
+        return _encode(_spelled_out(msgspec.to_builtins(record)))
     return encoded
-
-
-@functools.cache
-def _absences(record: type[msgspec.Struct]) -> tuple[bytes, ...]:
-    """How msgspec writes None in the record's own optional fields, where it cannot stand for a number.
-
-    No text holds that: the quotation marks within a text are escaped.
-    """
-    hints = get_type_hints(record)
-    fields = (name for name in record.__struct_fields__[1:] if _present(hints[name]) is not hints[name])
-    return tuple(f',"{name}":null'.encode() for name in fields if _present(hints[name]) is not float)
 
 
 def decoder(record: type[Record]) -> msgspec.json.Decoder[Record]:

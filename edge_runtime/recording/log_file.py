@@ -13,7 +13,6 @@ from typing import Final
 import msgspec
 from mcap.writer import Writer
 
-from edge_runtime.recording.chunk_index import PackedIndex
 from edge_runtime.recording.json_codec import encode, json_schema
 from edge_runtime.recording.schema import CHANNELS, LOG_FORMAT
 
@@ -55,7 +54,6 @@ class LogFile:
         fcntl.flock(self._descriptor, fcntl.LOCK_EX)
         self._stream = _Stream(self._descriptor)
         self._writer = Writer(self._stream, enable_data_crcs=True)  # type: ignore[arg-type]  # three methods
-        self._writer._Writer__chunk_indices = PackedIndex()  # type: ignore[attr-defined]
         self._channels: dict[str, int] = {}
         try:
             self._writer.start(PROFILE, LOG_FORMAT)

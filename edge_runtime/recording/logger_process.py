@@ -1,14 +1,13 @@
 """The process that writes a run's log, so that no disk and no collector ever holds up the loop.
 
-``python -m edge_runtime.recording.logger_process FD PLAN RING`` is started by
-`edge_runtime.recording.recorder`. Twice a second it empties the ring and ends a chunk, rather than wake
-for every tick, and it goes on until the socket closes: the log of a loop that was killed is complete.
+``python -m edge_runtime.recording.logger_process FD PLAN`` is started by `edge_runtime.recording.recorder`.
+Twice a second it writes what came and ends a chunk, and it goes on until the socket closes: the log of a loop
+that was killed is complete.
 """
 
 import contextlib
 import gc
 import os
-import select
 import signal
 import socket
 import sys
@@ -16,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.recording.ring import Ring
+from edge_runtime.recording.inbox import Inbox
 from edge_runtime.recording.run_log import RunLog
 from edge_runtime.recording.wire import LogPlan, decode_packet, encode_report
 
@@ -27,12 +26,12 @@ SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 """Meant for the loop; the logger ends after it."""
 
 
-def serve(connection: socket.socket, ring: Ring, run: RunLog) -> None:
+def serve(inbox: Inbox, run: RunLog) -> None:
     """Write what arrives until the loop's end of the connection closes."""
     over = False
     while not over:
-        over = bool(select.select((connection,), (), (), PERIOD_S)[0])
-        for packet in ring.take():
+        over = inbox.over.wait(PERIOD_S)
+        for packet in inbox.take():
             run.take(decode_packet(packet))
         if not over:
             run.files.flush()
@@ -53,9 +52,6 @@ def main(arguments: list[str]) -> int:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     be_ordinary()
-    descriptor = int(arguments[2])
-    ring = Ring(descriptor)
-    os.close(descriptor)
     run = RunLog(msgspec.json.decode(arguments[1], type=LogPlan))
     run.files.open()
     opened = run.files.report()
@@ -63,7 +59,7 @@ def main(arguments: list[str]) -> int:
     if opened.failure:
         return 2
     gc.freeze()
-    serve(connection, ring, run)
+    serve(Inbox(connection), run)
     with contextlib.suppress(OSError):  # the loop was killed
         connection.send(encode_report(run.files.report()))
     return 0

@@ -1,17 +1,15 @@
 """The loop's side of its log: hands each tick to the logger's process and never waits for it.
 
-Handing over is packing the tick into memory that both share, after the command is out: no system call. A ring
-that is full, because the logger is held up, costs the newest tick, which is counted. Why a process and not a
-thread: a thread's encoding holds the interpreter's lock at moments of its own choosing, and holds it longest
-where real-time scheduling lets something else run first.
+Handing over is sending the tick over a local socket, after the command is out; the system keeps what was
+sent, also of a loop that is killed. A socket that is full, because the logger is held up, costs the newest
+tick, which is counted. Why a process and not a thread: a thread's encoding holds the interpreter's lock at
+moments of its own choosing, and longest where real-time scheduling lets something else run first.
 """
 
 import argparse
 import contextlib
-import os
 import select
 import socket
-import subprocess
 import time
 from types import TracebackType
 from typing import Final, TypeVar
@@ -27,24 +25,23 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.recording.flags import make_log_plan
-from edge_runtime.recording.ring import Ring, open_ring_memory
 from edge_runtime.recording.schema import End
 from edge_runtime.recording.start import logged_set, make_start
 from edge_runtime.recording.wire import (
-    REPORT_BYTES,
+    PACKET_BYTES,
     Complaint,
     LogPlan,
     LogReport,
     decode_report,
     encode_packet,
-    is_tick,
     pack_tick,
     tick_packet,
 )
 
 OPENING_S: Final = 30.0
 CLOSING_S: Final = 5.0
-DYING_S: Final = 1.0
+SOCKET_BYTES: Final = 1 << 20
+"""Asked for; where the system grants its usual 208 KiB, that is 180 ticks of a team of four."""
 
 Self = TypeVar("Self", bound="Recorder")
 
@@ -78,14 +75,13 @@ class Recorder:
             ConfigError: if there cannot be one, with the system's reason.
         """
         try:
-            memory = open_ring_memory()
-            self._ring = Ring(memory)
             self._socket, self._process = start_child(
-                "edge_runtime.recording.logger_process", self._plan, memory, quiet=True
+                "edge_runtime.recording.logger_process", self._plan, quiet=True
             )
-            os.close(memory)
         except OSError as error:
             raise ConfigError(f"no logger could be started ({error.strerror}); or --no-log") from error
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BYTES)
         report = self._await_report(OPENING_S)
         if report is None or report.failure:
             self._socket.close()
@@ -103,7 +99,6 @@ class Recorder:
     ) -> None:
         """Let the logger finish by itself."""
         self._socket.close()
-        self._ring.close()
 
     def begin(
         self,
@@ -118,9 +113,8 @@ class Recorder:
         """Say what the run is about, and whose ticks follow."""
         self._controller, self._grid, self._timing = controller, grid, timing
         self._previous = controller.command.action
-        self._ring.put(
-            encode_packet(make_start(mission, controller, self._plan.run, bridge=bridge, dry_run=dry_run))
-        )
+        start = make_start(mission, controller, self._plan.run, bridge=bridge, dry_run=dry_run)
+        self._send(encode_packet(start))
 
     def follow(
         self,
@@ -132,7 +126,7 @@ class Recorder:
     ) -> None:
         """Hand over one tick, or count it as lost."""
         controller, guide = self._controller, self._controller.guide
-        if guide is not self._followed and self._ring.put(encode_packet(logged_set(guide))):
+        if guide is not self._followed and self._send(encode_packet(logged_set(guide))):
             self._followed = guide
         if observation is not self._observation:  # its memory is used again and again
             self._observation, self._seen = observation, observation.data.cast("B")
@@ -153,39 +147,38 @@ class Recorder:
         self._number += 1
         self._previous = command.action
         # A tick without its objectives could not be replayed.
-        if self._followed is not guide or not self._ring.put(self._packet):
+        if self._followed is not guide or not self._send(self._packet):
             self._lost += 1
 
     def complain(self, text: str) -> None:
         """Hand over what the robot's firmware complains of; lost if there is no room."""
-        self._ring.put(encode_packet(Complaint(text)))
+        self._send(encode_packet(Complaint(text)))
 
     def end(self, stop_reason: str, *, failed: bool) -> LogReport:
         """Let the logger finish, and return what became of the record."""
         last_s = time.monotonic() + CLOSING_S
         packet = encode_packet(End(stop_reason, failed, self._number, self._grid.misses, self._lost))
-        while not self._ring.put(packet) and self._process.poll() is None and time.monotonic() < last_s:
+        while not self._send(packet) and self._process.poll() is None and time.monotonic() < last_s:
             time.sleep(0.01)
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
         report = self._await_report(CLOSING_S)
         if report is None:
-            lost = self._lost + self._never_read()
             failure = "the logger died or hangs; up to 1 s before its end is lost"
-            return LogReport(self._path, 1, self._number - lost, lost, failure)
+            return LogReport(self._path, 1, self._number - self._lost, self._lost, failure)
         return msgspec.structs.replace(report, lost=report.lost + self._lost)
 
-    def _never_read(self) -> int:
-        """Ticks that a logger which died has left; one that hangs may yet read them."""
+    def _send(self, packet: bytes | bytearray) -> bool:
+        """Hand over a packet; whether the socket, and so the logger, has it."""
         try:
-            self._process.wait(DYING_S)
-        except subprocess.TimeoutExpired:
-            return 0
-        return sum(map(is_tick, self._ring.unread()))
+            self._socket.send(packet)
+        except OSError:  # full, or nobody's any more
+            return False
+        return True
 
     def _await_report(self, longest_s: float) -> LogReport | None:
         ready, _, _ = select.select((self._socket,), (), (), longest_s)
         packet = b""
         with contextlib.suppress(OSError):
-            packet = self._socket.recv(REPORT_BYTES) if ready else b""
+            packet = self._socket.recv(PACKET_BYTES) if ready else b""
         return decode_report(packet) if packet else None

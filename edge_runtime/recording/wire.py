@@ -19,8 +19,8 @@ from edge_runtime.recording.schema import (
     Tick,
 )
 
-REPORT_BYTES: Final = 1 << 16
-"""More than any report."""
+PACKET_BYTES: Final = 1 << 19
+"""More than any record or report, and than a socket takes."""
 
 
 class LogPlan(msgspec.Struct, frozen=True):
@@ -103,9 +103,9 @@ def pack_tick(parts: TickParts, packet: bytearray) -> None:
     _encode_into(parts, packet, len(_TICK))
 
 
-def decode_packet(packet: memoryview) -> Packet:
+def decode_packet(packet: bytes) -> Packet:
     """Return the record of a packet."""
-    letter, body = bytes(packet[:1]), packet[1:]
+    letter, body = packet[:1], memoryview(packet)[1:]
     if letter != _TICK:
         return _DECODERS[letter].decode(body)
     number, deadline_s, misses, version, start, previous, team, seen, guided, command, laps = _PARTS.decode(
@@ -114,11 +114,6 @@ def decode_packet(packet: memoryview) -> Packet:
     inputs = Inputs(number, deadline_s, misses, version, start, previous)
     observation = Observation(tuple(memoryview(seen).cast("f")))
     return Tick(inputs, team, observation, guided, command, StageTimes(*laps))
-
-
-def is_tick(packet: memoryview) -> bool:
-    """Whether a packet holds a tick."""
-    return bytes(packet[:1]) == _TICK
 
 
 def encode_report(report: LogReport) -> bytes:

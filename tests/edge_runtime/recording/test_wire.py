@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
 from edge_runtime.recording.schema import End, Inputs, LoggedObjectiveSet, Observation, StageTimes, Tick
-from edge_runtime.recording.wire import decode_packet, encode_packet, is_tick, pack_tick, tick_packet
+from edge_runtime.recording.wire import decode_packet, encode_packet, pack_tick, tick_packet
 
 floats = st.floats(allow_nan=True, allow_infinity=True)
 numbers = st.integers(0, 2**40)
@@ -62,6 +62,5 @@ def packet_of(record, buffer):
 @given(st.lists(st.one_of(ticks, others), max_size=5))
 def test_records_come_back_bit_for_bit(records):
     buffer = tick_packet()  # what is left of the last tick must not show
-    packets = [memoryview(packet_of(record, buffer)) for record in records]
+    packets = [packet_of(record, buffer) for record in records]
     assert repr([decode_packet(packet) for packet in packets]) == repr(records)
-    assert [is_tick(packet) for packet in packets] == [isinstance(record, Tick) for record in records]
