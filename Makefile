@@ -5,14 +5,18 @@ DEV := .venv
 OLDEST ?= $(shell for p in python3.10 "$$HOME"/.pyenv/versions/3.10*/bin/python; do \
 	"$$p" -c "" 2>/dev/null && command -v "$$p" && break; done)
 OLDEST_VENV := .venv-3.10
+ARM := build/aarch64
 PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink
+ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
+	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
+	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py)
 SOURCES := pyproject.toml $(wildcard edge_runtime/policy/_kernel*.[ch])
 # Tests run on all cores, one thread each.
 PYTEST := -m pytest -n auto --dist worksteal
 export OMP_NUM_THREADS := 1
 
-.PHONY: run test check lint types unit integration coverage oldest sil budgets fuzz mutants \
+.PHONY: run test check lint types unit integration coverage oldest aarch64 sil budgets fuzz mutants \
 	socketcan chromium peers clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
@@ -20,7 +24,7 @@ run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objec
 
 test: lint types unit  ## Is it correct? Minutes, and right on a busy machine too
 
-check: test integration coverage oldest sil budgets  ## Everything that CI checks
+check: test integration coverage oldest aarch64 sil budgets  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -46,6 +50,12 @@ else
 	@$(MAKE) --no-print-directory $(OLDEST_VENV)/ready
 	$(OLDEST_VENV)/bin/python $(PYTEST)
 endif
+
+aarch64: $(DEV)/ready  ## The robot's processor, emulated: what computes actions and guards them
+	@sh tests/support/aarch64/install.sh
+	@if command -v qemu-aarch64 >/dev/null; then \
+	    PYTHON=$(DEV)/bin/python sh tests/support/aarch64/prepare.sh $(ARM) && \
+	    CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(ON_ARM); fi
 
 # What measures time ends with 3 if the machine was too busy to tell: it says so, and proves nothing.
 sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each

@@ -1,14 +1,18 @@
 """The records that travel through one tick, from states to a command. SI units, monotonic stamps."""
 
+from typing import Annotated
+
 import msgspec
 
 Vector2 = tuple[float, float]
+Integer = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+"""A whole number as other programs and machines hold it, in 64 bits."""
 
 
 class RobotState(msgspec.Struct, frozen=True, gc=False):
     """Where one robot is and how it moves, in the team's common frame."""
 
-    robot_id: int
+    robot_id: Integer
     stamp_s: float
     """Monotonic time of the measurement."""
     position_m: Vector2
@@ -42,18 +46,18 @@ class GuidedAction(msgspec.Struct, frozen=True, gc=False):
     """One sampled action and what happened on the way; see `edge_runtime.guidance.flow`."""
 
     action: Vector2
-    steps: int
+    steps: Integer
     """Euler steps completed; fewer than T if the deadline came first."""
     costs: tuple[float, ...] = ()
     """Each active objective's cost where it was evaluated last: the newest terminal estimate, or on the way
     of the correction at tau = 1."""
-    projections: int = 0
+    projections: Integer = 0
     """Steps in which a projection changed the guidance."""
     fault: str = ""
     """Why the action must not be used: a non-finite observation, gradient or velocity. Else empty."""
-    conflicts: tuple[int, ...] = ()
+    conflicts: tuple[Integer, ...] = ()
     """For each active objective, how often its descent direction opposed another one's, over all steps."""
-    opposed: int = 0
+    opposed: Integer = 0
     """Steps in which eq. 15 removed what opposed the nominal flow."""
     correction: Vector2 = (0.0, 0.0)
     """How far the finished action was moved at tau = 1; mode ``terminal`` only."""
@@ -70,8 +74,8 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     ``velocity_m_s``, the velocity which the manifest's dynamics reach at the end of the period.
     """
 
-    robot_id: int
-    sequence: int
+    robot_id: Integer
+    sequence: Integer
     stamp_s: float
     action: Vector2
     velocity_m_s: Vector2

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.common.flags import make_parser
+from edge_runtime.common.command_line import check_writable
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import (
     Figure,
@@ -36,7 +37,6 @@ from edge_runtime.tools.report.page.document import (
     Section,
     Table,
     Verdict,
-    check_writable,
     write_page,
 )
 

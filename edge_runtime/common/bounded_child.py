@@ -16,11 +16,11 @@ from typing import Final, TypeVar
 import msgspec
 
 from edge_runtime.common.child import start_child
+from edge_runtime.common.printable import first_line
 from edge_runtime.errors import EdgeError
 
 MIB: Final = 1 << 20
 _LONGEST_REPLY: Final = 1 << 16
-_LONGEST_LINE: Final = 1000
 _WAIT: Final = 2
 """Times the processor time: how long the child may last, with all that it waits for."""
 
@@ -91,12 +91,6 @@ def work(arguments: Sequence[str], kind: type[AnyTask], do: Callable[[AnyTask], 
             reply = _Reply(error=f"{type(error).__name__}: {first_line(error)}")
         parent.send(msgspec.json.encode(reply))
     return 0
-
-
-def first_line(error: BaseException) -> str:
-    """Return what an error of somebody else's says, in a line of bounded length."""
-    lines = str(error).strip().splitlines() or ["no reason given"]
-    return lines[0][:_LONGEST_LINE]
 
 
 def _bound(bounds: Bounds) -> None:

@@ -151,10 +151,19 @@ def check_output(flag: str, path: Path, inputs: Iterable[Path | None]) -> None:
     """
     if path.resolve() in [each.resolve() for each in inputs if each is not None]:
         raise ConfigError(f"{flag} {path}: would overwrite a file that is read; name another one")
+    check_writable(path, f"{flag} {path}")
+
+
+def check_writable(path: Path, name: str = "") -> None:
+    """Find out before the work starts whether a file can be written, without waiting for a pipe's reader.
+
+    Raises:
+        ConfigError: if it cannot, by the name that is given, or its path.
+    """
     try:
-        path.open("ab").close()
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC, 0o666))
     except OSError as error:
-        raise ConfigError(f"{flag} {path}: cannot be written ({error.strerror})") from error
+        raise ConfigError(f"{name or path}: cannot be written ({error.strerror})") from error
 
 
 def write_report(flag: str, path: Path, record: msgspec.Struct) -> None:

@@ -21,6 +21,7 @@ LARGEST_INTEGER: Final = 2**63 - 1
 """What TOML asks of a reader; longer ones could not even be told."""
 _LONGEST_KEY: Final = 300
 """Parts of a dotted key; one of a file's length would take a parser's time and memory by its square."""
+_SHOWN: Final = 40
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
@@ -49,8 +50,8 @@ def parse_toml(content: bytes, path: Path) -> Table:
     """Read the content of a TOML file whose numbers are all finite.
 
     Raises:
-        ConfigError: if it is not TOML, is nested deeper than `DEEPEST`, or holds nan, inf or an integer
-            beyond `LARGEST_INTEGER`.
+        ConfigError: if it is not TOML, is nested deeper than `DEEPEST`, or holds nan, inf, an integer beyond
+            `LARGEST_INTEGER` or a text that cannot be shown.
     """
     try:
         if any(part.count(b".") > _LONGEST_KEY for part in re.split(rb"[=,{\[\n]", content)):
@@ -113,6 +114,8 @@ def _check_values(value: object, path: Path, key: str, depth: int) -> None:
         refuse(path, key, f"must be a finite number, got {value}")
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         refuse(path, key, f"must be an integer of 64 bits, got one of {value.bit_length()}")
+    if isinstance(value, str) and not value.isprintable():
+        refuse(path, key, f"holds characters that cannot be shown: {value[:_SHOWN]!a}")
     if isinstance(value, dict | list) and depth < 0:
         refuse(path, key, f"is nested deeper than {DEEPEST} tables and lists")
     if isinstance(value, dict):

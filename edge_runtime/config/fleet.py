@@ -5,14 +5,13 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.common.bounds import GREATEST, RATE_HZ, check_bounds
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
 from edge_runtime.config.network import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.config.objectives import make_objectives
 from edge_runtime.config.zenoh import check_zenoh
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.policy.manifest import RATE_HZ
 
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""

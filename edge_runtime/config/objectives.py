@@ -69,7 +69,7 @@ def make_objectives(
 
 def _objective(table: Table, path: Path, key: str, own: Collection[type[Objective]] | None) -> Objective:
     known: dict[str, type[Objective]] = {str(kind.__struct_config__.tag): kind for kind in BUILT_IN}
-    known |= {f"{kind.__module__}:{kind.__qualname__}": kind for kind in own or ()}
+    known |= {own_name(kind): kind for kind in own or ()}
     allowed = f"allowed: {', '.join(known)}" + (", or an own one as module:Class" if own is None else "")
     name = table.get("type")
     if not isinstance(name, str):
@@ -81,7 +81,7 @@ def _objective(table: Table, path: Path, key: str, own: Collection[type[Objectiv
     if name in known:
         kind = known[name]
     elif ":" in name and own is None:
-        kind = _import_objective(name, path, f"{key}.type")
+        kind = own_objective(name, path.resolve().parent, f"{path}: {key}.type")
     elif ":" in name:
         refuse(
             path, f"{key}.type", f"{name!r} was not named by the files that the robot started with; {allowed}"
@@ -93,7 +93,7 @@ def _objective(table: Table, path: Path, key: str, own: Collection[type[Objectiv
 
 def _made(kind: type[Objective], table: Table, path: Path, key: str) -> Objective:
     """Make an objective; an own one may get anything wrong that a class can."""
-    called = f"{kind.__module__}:{kind.__qualname__}"
+    called = own_name(kind)
     try:
         objective = to_record(table, kind, path, key)
         name = objective.name
@@ -101,30 +101,45 @@ def _made(kind: type[Objective], table: Table, path: Path, key: str) -> Objectiv
     except ConfigError:
         raise
     except BaseException as error:
-        raise _own_fault(path, key, f"{called!r} cannot be made", error) from error
+        raise _own_fault(f"{path}: {key}", f"{called!r} cannot be made", error) from error
     if not isinstance(name, str):
         refuse(path, key, f"the name of {called!r} must be a string, got {name!r}")
     return objective
 
 
-def _own_fault(path: Path, key: str, what: str, error: BaseException) -> BaseException:
+def _own_fault(source: str, what: str, error: BaseException) -> BaseException:
     cause = " ".join(f"{type(error).__name__}: {error}".split())
-    return error if is_interrupt(error) else ConfigError(f"{path}: {key}: {what} ({cause})")
+    return error if is_interrupt(error) else ConfigError(f"{source}: {what} ({cause})")
 
 
-def _import_objective(name: str, path: Path, key: str) -> type[Objective]:
-    """Import ``module:Class``; the module may lie beside the file that names it."""
+def own_name(kind: type[Objective]) -> str:
+    """The ``type`` of an own objective: what files and logs call it."""
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def own_objective(name: str, folder: Path, source: str) -> type[Objective]:
+    """Import a user's own objective, on the user's word alone: this executes its module.
+
+    Args:
+        name: ``module:Class``.
+        folder: where the module may lie, if it is not installed.
+        source: what named it, for errors.
+
+    Raises:
+        ConfigError: if it cannot be imported, or is no objective.
+    """
     module_name, _, class_name = name.partition(":")
-    beside = str(path.resolve().parent)
-    sys.path.insert(0, beside)
+    if not (module_name and class_name):
+        raise ConfigError(f"{source}: {name!r} is not of the form module:Class")
+    sys.path.insert(0, str(folder))
     try:
         kind = getattr(importlib.import_module(module_name), class_name)
     except BaseException as error:  # a user's module may fail in any way while it is imported
-        raise _own_fault(path, key, f"cannot import {name!r}", error) from error
+        raise _own_fault(source, f"cannot import {name!r}", error) from error
     finally:
-        sys.path.remove(beside)
+        sys.path.remove(str(folder))
     if not (isinstance(kind, type) and issubclass(kind, Objective)):
-        refuse(path, key, f"{name!r} is not a subclass of edge_runtime.objectives.Objective")
+        raise ConfigError(f"{source}: {name!r} is not a subclass of edge_runtime.objectives.Objective")
     if kind.evaluate is Objective.evaluate:
-        refuse(path, key, f"{name!r} must define evaluate(motion, outlook)")
+        raise ConfigError(f"{source}: {name!r} must define evaluate(motion, outlook)")
     return kind

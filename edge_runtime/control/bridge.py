@@ -1,9 +1,21 @@
 """The one object in which simulation and reality differ."""
 
-from types import TracebackType
 from typing import Protocol
 
+import msgspec
+
 from edge_runtime.messages import Command, RobotState
+
+
+class Reaction(msgspec.Struct, frozen=True):
+    """How a link answers faults."""
+
+    deadline_s: float
+    """Longest time that its guard waits for a fresh command."""
+    firmware_timeout_s: float | None
+    """Silence after which the firmware stops by itself; None where unknown, 0 where off."""
+    deceleration_m_s2: float | None
+    """Of its stop; None where the policy's own dynamics are all that is known."""
 
 
 class Bridge(Protocol):
@@ -20,16 +32,16 @@ class Bridge(Protocol):
     complaints: tuple[str, ...]
     """What the firmware has complained of so far and driven on with, in order."""
 
+    @property
+    def reaction(self) -> Reaction | None:
+        """How it answers faults, known once it is open; None where nothing real moves."""
+        ...
+
     def __enter__(self) -> "Bridge":
         """Open the link."""
         ...
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the robot, whatever happened, and close the link."""
         ...
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from edge_runtime.common.printable import printable
 from edge_runtime.errors import EdgeError
 
 
@@ -60,4 +61,4 @@ def line(finding: Finding, *, colour: bool) -> str:
     if colour:
         word = f"\x1b[{finding.verdict.value}m{word}\x1b[0m"
     text = f"{finding.detail}; {finding.remedy}" if finding.remedy else finding.detail
-    return f"{word} {finding.name:<17} {' '.join(text.split())}"
+    return f"{word} {finding.name:<17} {printable(' '.join(text.split()))}"

@@ -65,6 +65,10 @@ class Datagrams(Closing):
                 continue
             yield Datagram(bytes(self._buffer[:size]), source, self._arrivals.arrival_s(ancillary))
 
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self._socket.fileno()
+
     def wait(self, seconds: float) -> bool:
         """Wait for packets for at most so long; whether there are any."""
         return bool(select.select((self._socket,), (), (), max(0.0, seconds))[0])
@@ -98,6 +102,21 @@ def listen(place: Endpoint, longest: int, question: str) -> Datagrams:
 def speak(host: str, longest: int) -> Datagrams:
     """Open a socket that sends to machines such as ``host``, and hears their answers."""
     return Datagrams(_socket(host), longest)
+
+
+def call(place: Endpoint, longest: int) -> Datagrams:
+    """Open a socket for one other end: nobody else is heard.
+
+    Raises:
+        ConfigError: if the place's name leads nowhere.
+    """
+    opened = _socket(place[0])
+    try:
+        opened.connect(place)
+    except OSError as error:
+        opened.close()
+        raise ConfigError(f"cannot reach {place[0]} port {place[1]} ({error.strerror})") from error
+    return Datagrams(opened, longest)
 
 
 def _socket(host: str) -> socket.socket:

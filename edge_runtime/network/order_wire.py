@@ -111,7 +111,7 @@ def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | 
     """
     try:
         return _order_decoder.decode(unseal(packet, Magic.ORDER, key, _BODY_BYTES))
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, RecursionError):
         raise FrameError(Refusal.MALFORMED) from None
 
 
@@ -119,5 +119,5 @@ def decode_answer(packet: bytes, key: bytes) -> Standing:
     """Read an answer; raises as `decode_order`."""
     try:
         return _answer_decoder.decode(unseal(packet, Magic.ANSWER, key, _BODY_BYTES))
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, RecursionError):
         raise FrameError(Refusal.MALFORMED) from None

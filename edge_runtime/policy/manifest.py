@@ -8,8 +8,6 @@ from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"
-RATE_HZ = (1.0, 1000.0)
-"""Least and greatest control rate."""
 
 FlowStart = Literal["noise", "zero"]
 """What a flow was trained to start from: standard normal noise, or zero alone (a Gaussian policy's mean)."""

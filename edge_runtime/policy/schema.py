@@ -4,10 +4,10 @@ import re
 from itertools import pairwise
 from typing import Final, NoReturn
 
-from edge_runtime.common.bounds import GREATEST
+from edge_runtime.common.bounds import GREATEST, RATE_HZ
 from edge_runtime.errors import BundleError
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import BUNDLE_FORMAT, RATE_HZ, Body, Manifest, Training
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, Body, Manifest, Training
 
 OBSERVATION_UNITS: Final = {
     "position": "m",
@@ -101,8 +101,8 @@ class _Rules:
             self.refuse(key, found, wanted)
 
     def name(self, key: str, value: str) -> None:
-        fits = bool(value.strip()) and len(value) <= MAX_NAME
-        self.require(fits, key, value[:MAX_NAME], f"a name of up to {MAX_NAME} characters")
+        fits = bool(value.strip()) and len(value) <= MAX_NAME and value.isprintable()
+        self.require(fits, key, value[:MAX_NAME], f"a name of up to {MAX_NAME} printable characters")
 
     def positive(self, key: str, value: float) -> None:
         self.between(key, value, 1.0 / GREATEST, GREATEST)
@@ -186,6 +186,8 @@ def _check_network(rules: _Rules, manifest: Manifest) -> None:
 
 def _check_training(rules: _Rules, training: Training | None) -> None:
     if training is not None:
+        for field in ("scenario", "algorithm", "commit"):
+            rules.name(f"training.{field}", getattr(training, field))
         rules.require(training.frames >= 0, "training.frames", training.frames, "at least 0")
         rules.between("training.score", training.score, 0, 1)
 

@@ -18,9 +18,12 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+from edge_runtime.common.bounds import GREATEST, RATE_HZ, check_bounds
+from edge_runtime.messages import Command, GuidedAction, Integer, TeamState, Vector2
 
 LOG_FORMAT: Final = "cfpg-log/2"
+LATEST_S: Final = 1e11
+"""No clock of a robot says more: that is 3,000 years."""
 
 
 class Versions(msgspec.Struct, frozen=True):
@@ -36,7 +39,7 @@ class Machine(msgspec.Struct, frozen=True):
 
     host: str
     processor: str
-    cores: int
+    cores: Integer
     kernel: str
 
 
@@ -49,16 +52,22 @@ class BundleIdentity(msgspec.Struct, frozen=True):
     """Of its manifest.json, which holds the digests of its other files."""
     radius_m: float
     """Of the robots' discs."""
-    euler_steps: int
+    euler_steps: Integer
     """T: a sample of fewer steps was cut short by its deadline, or refused."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self, {"radius_m": (0.0, GREATEST)})
 
 
 class RobotPlace(msgspec.Struct, frozen=True):
     """One robot of the fleet."""
 
-    robot_id: int
+    robot_id: Integer
     start_m: Vector2
     goal_m: Vector2
+
+    def __post_init__(self) -> None:
+        check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
 
 
 class FleetIdentity(msgspec.Struct, frozen=True):
@@ -70,12 +79,17 @@ class FleetIdentity(msgspec.Struct, frozen=True):
     goal_tolerance_m: float
     robots: tuple[RobotPlace, ...]
 
+    def __post_init__(self) -> None:
+        check_bounds(self, {"goal_tolerance_m": (0.0, GREATEST)})
+        if not 0 < len({robot.robot_id for robot in self.robots}) == len(self.robots):
+            raise ValueError("`robots` must be one or more, each with an id of its own")
+
 
 class Settings(msgspec.Struct, frozen=True):
     """How the run was asked to go, and what its commands were limited to."""
 
     rate_hz: float
-    seed: int
+    seed: Integer
     backend: str
     """Who computed the policy: ``numpy``, ``compiled`` or ``onnxruntime``."""
     engine: str
@@ -89,6 +103,9 @@ class Settings(msgspec.Struct, frozen=True):
     max_speed_m_s: float | None = None
     """Greatest velocity setpoint; unlimited where None."""
 
+    def __post_init__(self) -> None:
+        check_bounds(self, {"rate_hz": RATE_HZ})
+
 
 class Start(msgspec.Struct, frozen=True):
     """Channel ``/start``: the first message of every file."""
@@ -97,9 +114,9 @@ class Start(msgspec.Struct, frozen=True):
     """`LOG_FORMAT`."""
     run: str
     """The same in all files of a run, and in no other."""
-    part: int
+    part: Integer
     """Number of this file within the run, from 0."""
-    robot_id: int
+    robot_id: Integer
     started_at: str
     """Wall clock at the run's start: ISO 8601, UTC."""
     started_unix_s: float
@@ -111,6 +128,11 @@ class Start(msgspec.Struct, frozen=True):
     bundle: BundleIdentity
     fleet: FleetIdentity
     settings: Settings
+
+    def __post_init__(self) -> None:
+        check_bounds(self, {"started_unix_s": (0.0, LATEST_S), "started_s": (0.0, LATEST_S)})
+        if self.robot_id not in {robot.robot_id for robot in self.fleet.robots}:
+            raise ValueError(f"`robot_id` {self.robot_id} is none of the fleet's")
 
 
 class LoggedObjective(msgspec.Struct, frozen=True):
@@ -128,11 +150,25 @@ class LoggedObjective(msgspec.Struct, frozen=True):
     parameters: str
     """All its fields as JSON."""
 
+    def __post_init__(self) -> None:
+        self.fields()
+
+    def fields(self) -> dict[str, object]:
+        """Return the parameters as they were.
+
+        Raises:
+            ValueError: if they are no JSON object.
+        """
+        try:
+            return msgspec.json.decode(self.parameters, type=dict[str, object])
+        except (msgspec.DecodeError, RecursionError) as error:
+            raise ValueError(f"`parameters` of {self.name!r} do not read ({error})") from error
+
 
 class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     """Channel ``/objectives``: the objectives in force from here on; again at the start of each file."""
 
-    version: int
+    version: Integer
     """0 is what the run started with; a set that the team agrees on while it drives has a higher one."""
     mode: str
     scale: float
@@ -145,12 +181,12 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
 class Inputs(msgspec.Struct, frozen=True, gc=False):
     """Channel ``/inputs``: what a tick began with, besides what it saw."""
 
-    number: int
+    number: Integer
     """Of the tick, from 0; numbers that are missing were lost."""
     deadline_s: float
-    misses: int
+    misses: Integer
     """Deadlines missed so far in the run."""
-    objectives_version: int
+    objectives_version: Integer
     start: Vector2
     """Start noise: where the flow began."""
     previous_action: Vector2
@@ -195,21 +231,21 @@ class Tick(msgspec.Struct, frozen=True, gc=False):
 class Time(msgspec.Struct, frozen=True):
     """Unix time as Foxglove's own schemas write it."""
 
-    sec: int
-    nsec: int
+    sec: Integer
+    nsec: Integer
 
 
 class Event(msgspec.Struct, frozen=True):
     """Channel ``/events``: something that happened, as a ``foxglove.Log`` for Foxglove's Log panel."""
 
     timestamp: Time
-    level: int
+    level: Integer
     """2 info, 3 warning, 4 error."""
     name: str
     """What kind it is, one of `EVENTS`."""
     message: str
     file: str = ""
-    line: int = 0
+    line: Integer = 0
 
 
 class End(msgspec.Struct, frozen=True):
@@ -218,9 +254,9 @@ class End(msgspec.Struct, frozen=True):
     stop_reason: str
     failed: bool
     """The link to the robot failed; ``stop_reason`` says how."""
-    ticks: int
-    deadline_misses: int
-    lost: int
+    ticks: Integer
+    deadline_misses: Integer
+    lost: Integer
     """Ticks that the loop could not hand over for recording."""
 
 

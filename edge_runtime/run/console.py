@@ -5,8 +5,10 @@ import os
 import threading
 from typing import TextIO
 
+from edge_runtime.common.printable import printed
 from edge_runtime.control.monitor import SETTLE_S, Monitor
 from edge_runtime.control.rate import DeadlineGrid
+from edge_runtime.control.stopping import Stopping, describe
 from edge_runtime.run.run_report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1
@@ -69,6 +71,7 @@ def use_colour(stream: TextIO) -> bool:
 
 def summary(report: RunReport, *, colour: bool) -> str:
     """The report for a person, a fact a line."""
+    report = printed(report)
     rows = [
         ("stopped", report.stop_reason + (", dry run: nothing was commanded" if report.dry_run else "")),
         ("objectives", _objectives(report)),
@@ -82,6 +85,7 @@ def summary(report: RunReport, *, colour: bool) -> str:
             "; ".join(f"{reason}: {count} ticks" for reason, count in report.faults.items()) or "none",
         ),
         ("log", _log(report, colour)),
+        *([("stopping", _stopping(report.stopping, colour))] if report.stopping else []),
     ]
     rows += [("complaint", text) for text in report.complaints]
     title = f"robot {report.robot_id}, policy {report.policy} ({report.backend}), bridge {report.bridge}"
@@ -156,6 +160,10 @@ def _log(report: RunReport, colour: bool) -> str:
     if not (log.lost or log.failure):
         return text
     return _verdict(False, f"{text}, {log.lost} lost: {log.failure or 'the logger was held up'}", colour)
+
+
+def _stopping(stopping: Stopping, colour: bool) -> str:
+    return _verdict(False, describe(stopping), colour) if stopping.too_long else describe(stopping)
 
 
 def _kept(kept: bool, colour: bool) -> str:

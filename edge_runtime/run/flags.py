@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from edge_runtime.common.bounds import RATE_HZ
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
@@ -15,7 +16,6 @@ from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
-from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.recording.flags import add_log_flags
 from edge_runtime.run.bridges import BRIDGES
 

@@ -15,6 +15,7 @@ from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
+from edge_runtime.control.stopping import stopping
 from edge_runtime.errors import BridgeError, EdgeError
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.run.console import LiveLine
@@ -131,8 +132,9 @@ def run(
                 raise BridgeError("the robot's own state was never known: ask edge-doctor")
     except (EdgeError, Overdue) as error:
         reason = failure = str(error)
+    driven = replace(mission, objective_set=controller.guide.asked)
     return make_report(
-        replace(mission, objective_set=controller.guide.asked),
+        driven,
         monitor,
         grid,
         session.timing,
@@ -144,6 +146,7 @@ def run(
         failed=bool(failure),
         fleet=fleet.report(),
         log=recorder.end(reason, failed=bool(failure)) if recorder else None,
+        stopping=stopping(driven, bridge.max_speed_m_s, bridge.reaction) if bridge.reaction else None,
     )
 
 

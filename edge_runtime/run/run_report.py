@@ -7,6 +7,7 @@ import msgspec
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, Percentiles, TimingRecord
+from edge_runtime.control.stopping import Stopping
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.recording.wire import LogReport
 from edge_runtime.team.report import FleetReport
@@ -72,6 +73,8 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """The team's network; None for a team in one process."""
     log: LogReport | None = None
     """What became of the run's record; None if it was not to be recorded."""
+    stopping: Stopping | None = None
+    """How far this robot travels after each fault; None where nothing real moves."""
     stop_reason: str
 
 
@@ -89,6 +92,7 @@ def make_report(
     failed: bool,
     fleet: FleetReport | None,
     log: LogReport | None = None,
+    stopping: Stopping | None = None,
 ) -> RunReport:
     """Sum up a run."""
     robots = tuple(_robot_report(robot_id, monitor, mission.period_s) for robot_id in monitor.robots)
@@ -124,6 +128,7 @@ def make_report(
         robots=robots,
         fleet=fleet,
         log=log,
+        stopping=stopping,
         stop_reason=stop_reason,
     )
 

@@ -84,5 +84,5 @@ def decode(packet: bytes, key: bytes) -> Status:
     """
     try:
         return _DECODER.decode(unseal(packet, Magic.STATUS, key, LONGEST))
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise FrameError(Refusal.MALFORMED) from None

@@ -10,7 +10,7 @@ from onnx.external_data_helper import load_external_data_for_model
 from onnx.inliner import inline_local_functions
 from onnx.version_converter import convert_version
 
-from edge_runtime.common.bounded_child import first_line
+from edge_runtime.common.printable import first_line
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
 from export.onnx.branches import with_chosen_branches

@@ -92,6 +92,7 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
         options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
+        deceleration_m_s2=profile.stop.deceleration_m_s2,
     )
 
 

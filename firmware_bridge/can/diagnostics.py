@@ -16,7 +16,7 @@ from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.interface import Interface, show_interface
 from firmware_bridge.can.link import CanLink, make_link
 from firmware_bridge.can.profile import Profile, load_profile, profile_path
-from firmware_bridge.guard.diagnostics import firmware_timeout
+from firmware_bridge.guard.diagnostics import firmware_timeout, stopping_distances
 from firmware_bridge.guard.link import Condition, Health
 from firmware_bridge.guard.spec import GuardSpec
 
@@ -32,10 +32,10 @@ def examine_link(mission: Mission, options: CanFlags) -> Iterator[Finding]:
         ConfigError: at once, if profile, DBC, limits or rates do not fit.
     """
     spec = make_spec(mission.robot_id, mission.bundle.manifest, options, mission.rate_hz)
-    return _findings(spec, options, load_profile(profile_path(options.profile)))
+    return _findings(mission, spec, options, load_profile(profile_path(options.profile)))
 
 
-def _findings(spec: GuardSpec, options: CanFlags, profile: Profile) -> Iterator[Finding]:
+def _findings(mission: Mission, spec: GuardSpec, options: CanFlags, profile: Profile) -> Iterator[Finding]:
     if profile.transport == "limo_serial":
         yield examine("serial port", partial(serial_port, options.bus))
     elif (place := bus_arguments(options.bus))["interface"] == "socketcan":
@@ -49,6 +49,7 @@ def _findings(spec: GuardSpec, options: CanFlags, profile: Profile) -> Iterator[
         "firmware timeout",
         lambda: firmware_timeout(link.firmware_timeout_s, link.firmware_timeout_source, allow_unsafe=unsafe),
     )
+    yield examine("stopping", lambda: stopping_distances(mission, spec, link.firmware_timeout_s))
     for what, confirmed in profile.confirm.items():
         yield examine("setting", partial(setting, what, confirmed=confirmed))
 
@@ -136,7 +137,13 @@ def feedback(link: CanLink, arm: bool, listen_s: float = LISTEN_S) -> Finding:
         health = _listen(link, listen_s)
     finally:
         link.close()
-    return _judge(health, arm)
+    found = _judge(health, arm)
+    if not link.malformed:
+        return found
+    detail = f"{found.detail}; {link.malformed} frames could not be read"
+    if found.verdict is not Verdict.OK:
+        return msgspec.structs.replace(found, detail=detail)
+    return warn(detail, "check wiring, termination, bit rate and --profile")
 
 
 def _listen(link: CanLink, listen_s: float) -> Health:

@@ -19,6 +19,11 @@ class Transport(Protocol):
         BridgeError: from any method, if the bus cannot be opened or is lost.
     """
 
+    @property
+    def malformed(self) -> int:
+        """How much has arrived that is no frame."""
+        ...
+
     def open(self) -> None:
         """Take hold of the bus."""
         ...

@@ -57,6 +57,11 @@ class LimoPort:
         self._reader = FrameReader()
         self._counter = 0
 
+    @property
+    def malformed(self) -> int:
+        """Frames refused for their checksum."""
+        return self._reader.malformed
+
     def open(self) -> None:
         """Open the port for this process alone.
 

@@ -48,7 +48,8 @@ class CanLink:
         arm: bool = False,
     ) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
-        self.firmware_timeout_source = "says the profile"
+        stated = profile.firmware_timeout_s is not None
+        self.firmware_timeout_source = "says the profile" if stated else "nobody has told it"
         """Who told it, and what may be behind it."""
         self.recoveries = profile.recoveries
         self._profile = profile
@@ -111,6 +112,11 @@ class CanLink:
     def dropped(self) -> int:
         """Count frames that the transmit queue did not take."""
         return self._dropped
+
+    @property
+    def malformed(self) -> int:
+        """Count what has arrived and could not be understood."""
+        return self._transport.malformed + self._codec.malformed
 
     def send(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
         """Send the frames of one setpoint, once."""

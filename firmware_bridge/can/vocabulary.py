@@ -8,10 +8,13 @@ from typing import NamedTuple, NoReturn, cast
 import cantools
 from cantools.database.can import Database, Message
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
 from firmware_bridge.can.layout import Layout
 from firmware_bridge.can.profile import Profile, Step
 
+LARGEST_DBC = 1 << 22
+"""Bytes; a whole vehicle's takes half of it."""
 LONGEST_BYTES = 8
 """Of a classic CAN frame; those of CAN FD are not spoken."""
 Identifier = tuple[int, bool]
@@ -145,7 +148,8 @@ class _Reader:
 def _messages(profile: Profile, path: Path) -> dict[str, Message]:
     file = path.parent / profile.dbc
     try:
-        database = cantools.database.load_file(file, database_format="dbc")
+        content = read_regular(file, LARGEST_DBC).decode("cp1252")
+        database = cantools.database.load_string(content, database_format="dbc")
     except Exception as error:  # cantools raises what its parsers do
         reason = " ".join(str(error).split())
         raise ConfigError(f"{path}: dbc: {file} cannot be read as a DBC ({reason})") from error

@@ -113,7 +113,7 @@ class Guard:
     def report(self) -> Report:
         """Return what the runtime should know now."""
         counts = Counts(self._forwarded, self._refused, self._withheld, self._link.dropped(), self._recovered)
-        return Report(self.phase, counts, self._link.state())
+        return Report(self.phase, counts, self._link.state(), self._link.firmware_timeout_s)
 
     def next_due_s(self) -> float:
         """Return the monotonic time of the next ``on_time`` that has something to do."""
@@ -203,8 +203,9 @@ class Guard:
     def _rehearse(self, now_s: float) -> None:
         """Take the last command the next one's way, short of sending it.
 
-        After a period's sleep the processor's caches hold none of this code; run a millisecond before it is
-        needed, it takes a fifth of the time when it is.
+        After a period's sleep the processor's caches hold none of this code. Measured on a busy machine with
+        every other command rehearsed: on the bus 27 us sooner than the others' 220 (CAN, in 8 of 8 runs of
+        400), 9 us sooner than 167 (MAVLink, in 8 of 10).
         """
         self._rehearsal_due_s = math.inf
         setpoint = cast(Setpoint, decode_request(encode_command(self._sent)))

@@ -1,7 +1,11 @@
-"""The check that every firmware must pass: who stops the robot when the guard itself has died."""
+"""Checks of every firmware: who stops the robot when the guard itself has died, and how far it gets."""
 
+from edge_runtime.control.bridge import Reaction
+from edge_runtime.control.mission import Mission
+from edge_runtime.control.stopping import describe, stopping
 from edge_runtime.doctor.finding import Finding, fail, ok, warn
 from firmware_bridge.guard.core import firmware_timeout_fault
+from firmware_bridge.guard.spec import GuardSpec
 
 
 def firmware_timeout(
@@ -15,3 +19,12 @@ def firmware_timeout(
     if allow_unsafe:
         return warn(detail, "nothing stops the robot if the guard dies: keep the emergency stop at hand")
     return fail(detail, f"the guard refuses to start: {remedy}, or pass --allow-unsafe-firmware-timeout")
+
+
+def stopping_distances(mission: Mission, spec: GuardSpec, timeout_s: float | None) -> Finding:
+    """How far the robot travels after each fault, and whether the safety margin leaves room for it."""
+    reaction = Reaction(spec.deadline_s, timeout_s, spec.deceleration_m_s2)
+    found = stopping(mission, spec.limits.speed_m_s, reaction)
+    if found.too_long:
+        return warn(describe(found), "drive slower, widen the margin, or shorten the firmware's timeout")
+    return ok(describe(found))

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from edge_runtime.common.child import start_child
+from edge_runtime.control.bridge import Reaction
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard.link import Setpoint
@@ -49,6 +50,7 @@ class GuardedBridge:
         self.complaints: tuple[str, ...] = ()
         self.phase = Phase.WATCHING
         self._spec = spec
+        self._firmware_timeout_s: float | None = None
         self._reason = ""
         self._state: RobotState | None = None
         self._opened = False
@@ -83,6 +85,11 @@ class GuardedBridge:
         if self._process is None:
             raise BridgeError("the bridge is not open: use it in a with statement")
         return self._process.pid
+
+    @property
+    def reaction(self) -> Reaction:
+        """How this link answers faults, as far as the guard has told."""
+        return Reaction(self._spec.deadline_s, self._firmware_timeout_s, self._spec.deceleration_m_s2)
 
     def read(self) -> RobotState | None:
         """Return the newest state, or None before the first."""
@@ -162,6 +169,7 @@ class GuardedBridge:
                 self._reason = answer.text
         else:
             self.counts = answer.counts
+            self._firmware_timeout_s = answer.firmware_timeout_s
             self._state = answer.state or self._state
 
     def _ending(self) -> str:

@@ -32,6 +32,8 @@ class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """JSON that only the link understands."""
     arm: bool = False
     allow_unsafe_firmware_timeout: bool = False
+    deceleration_m_s2: float | None = None
+    """Of the robot's stop, as its profile has it; None where no profile says."""
 
 
 def add_guard_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,7 @@ Every frame starts with magic, kind, sequence and a CLOCK_MONOTONIC stamp, which
 """
 
 import enum
+import math
 import struct
 
 import msgspec
@@ -11,7 +12,7 @@ import msgspec
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Setpoint
 
-MAGIC = 0xCF61
+MAGIC = 0xCF62
 """Marks the layouts below; change it with any of them."""
 PACKET_BYTES = 512
 """More than the longest frame."""
@@ -19,7 +20,7 @@ PACKET_BYTES = 512
 _HEADER = struct.Struct("<HBxQd")
 _COMMAND = struct.Struct("<HBxQd4d")
 _STOP = struct.Struct("<HBxQd96s")
-_REPORT = struct.Struct("<HBxQdBB5d5Q")
+_REPORT = struct.Struct("<HBxQdBB5d5Qd")
 _EVENT = struct.Struct("<HBxQdB240s")
 
 
@@ -71,11 +72,13 @@ class StopRequest(msgspec.Struct, frozen=True, gc=False):
 
 
 class Report(msgspec.Struct, frozen=True, gc=False):
-    """The robot's newest state, if any, and the guard's."""
+    """The robot's newest state, if any, the guard's, and what the firmware says of itself."""
 
     phase: Phase
     counts: Counts
     state: RobotState | None
+    firmware_timeout_s: float | None = None
+    """Silence after which the firmware stops by itself; None: unknown, 0: off."""
 
 
 class Event(msgspec.Struct, frozen=True, gc=False):
@@ -135,6 +138,7 @@ def encode_report(report: Report, stamp_s: float) -> bytes:
         state is not None,
         *numbers,
         *msgspec.structs.astuple(counts),
+        math.nan if report.firmware_timeout_s is None else report.firmware_timeout_s,
     )
 
 
@@ -158,9 +162,11 @@ def decode_answer(packet: bytes) -> Report | Event | Complaint:
         _, _, _, _, phase, text = _EVENT.unpack(packet)
         return Event(_phase(phase), _untext(text))
     if kind == Kind.REPORT and len(packet) == _REPORT.size:
-        _, _, robot_id, stamp_s, phase, known, x, y, v_x, v_y, heading, *counts = _REPORT.unpack(packet)
+        _, _, robot_id, stamp_s, phase, known, x, y, v_x, v_y, heading, *counts, timeout_s = _REPORT.unpack(
+            packet
+        )
         state = RobotState(robot_id, stamp_s, (x, y), (v_x, v_y), heading) if known else None
-        return Report(_phase(phase), Counts(*counts), state)
+        return Report(_phase(phase), Counts(*counts), state, None if math.isnan(timeout_s) else timeout_s)
     raise WireError(f"kind {kind} in {len(packet)} bytes")
 
 

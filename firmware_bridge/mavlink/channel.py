@@ -38,11 +38,12 @@ class Channel:
         self._decoder = Decoder(self._signing)
         self._encoder = Encoder(options.source_system, self._autopilot, self._signing)
         self._transport: Transport | None = None
+        self._forgotten = 0
 
     @property
     def dropped(self) -> int:
         """Frames that the port did not take, or of which the network said that they did not arrive."""
-        return 0 if self._transport is None else self._transport.dropped
+        return 0 if self._transport is None else self._transport.dropped - self._forgotten
 
     @property
     def tally(self) -> Tally:
@@ -107,7 +108,7 @@ class Channel:
 
     def forget_dropped(self) -> None:
         """What was said before anybody was known to listen does not count."""
-        self._opened().dropped = 0
+        self._forgotten = self._opened().dropped
 
     def rehearse(self, content: Outgoing, now_s: float) -> None:
         """Encode one message, and forget it."""

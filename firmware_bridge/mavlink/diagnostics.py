@@ -12,7 +12,8 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 from edge_runtime.errors import EdgeError
-from firmware_bridge.guard.diagnostics import firmware_timeout
+from firmware_bridge.guard.diagnostics import firmware_timeout, stopping_distances
+from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
 from firmware_bridge.mavlink.channel import Channel
 from firmware_bridge.mavlink.engagement import LISTENING_S
@@ -56,10 +57,12 @@ def examine_link(mission: Mission, options: MavlinkFlags) -> Iterator[Finding]:
     keyless = msgspec.structs.replace(options, signing_key="", require_signing=False)
     spec = make_spec(mission.robot_id, manifest, keyless, mission.rate_hz)
     link = msgspec.json.decode(spec.options, type=MavlinkOptions)
-    return _findings(options, msgspec.structs.replace(link, signing_key=options.signing_key))
+    return _findings(mission, spec, options, msgspec.structs.replace(link, signing_key=options.signing_key))
 
 
-def _findings(flags: MavlinkFlags, options: MavlinkOptions) -> Iterator[Finding]:
+def _findings(
+    mission: Mission, spec: GuardSpec, flags: MavlinkFlags, options: MavlinkOptions
+) -> Iterator[Finding]:
     key = examine("signing", partial(signing, flags))
     yield key
     if key.verdict is Verdict.FAIL:
@@ -78,6 +81,7 @@ def _findings(flags: MavlinkFlags, options: MavlinkOptions) -> Iterator[Finding]
     yield examine("answers", partial(answers, heard, options))
     yield examine("mode", partial(mode, heartbeat, profile))
     yield examine("firmware timeout", partial(timeout, heard, flags, profile))
+    yield examine("stopping", partial(stopping_distances, mission, spec, heard.facts.timeout_s))
     yield examine("pose", partial(pose, heard, options))
     yield examine("estimator", partial(estimator, heard))
 

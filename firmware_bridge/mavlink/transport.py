@@ -1,18 +1,16 @@
 """Bytes to and from the autopilot: UDP or a serial port, never blocking."""
 
-import errno
-import socket
 from collections.abc import Iterator
 from typing import Protocol
 
 from edge_runtime.errors import BridgeError, ConfigError
+from edge_runtime.network.datagrams import call, listen
 
 DATAGRAM_BYTES = 65535
-DATAGRAMS_A_PASS = 64
-"""Read before setpoints get their turn: a flood must not hold up a stop."""
 
 FORMS = "udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE:BAUD"
 Address = tuple[str, int]
+QUESTION = "is the address this machine's, and does no other station listen there?"
 CABLE: Address = ("", 0)
 """The one other end of a serial port."""
 
@@ -24,8 +22,11 @@ class Transport(Protocol):
     """Whether each portion holds whole frames."""
     sender: Address
     """Who sent the last portion."""
-    dropped: int
-    """Frames that the port did not take, or of which the network said that they did not arrive."""
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the port did not take, or of which the network said that they did not arrive."""
+        ...
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
@@ -49,26 +50,32 @@ class Transport(Protocol):
 
 
 class UdpTransport:
-    """``udpin`` waits for the autopilot's first frame to learn its address, ``udpout`` knows it."""
+    """``udpin`` waits for the autopilot's first frame to learn its address, ``udpout`` knows it.
+
+    Raises:
+        BridgeError: if the address is not this machine's, its port is in use, or the name leads nowhere.
+    """
 
     datagrams = True
 
     def __init__(self, host: str, port: int, listens: bool) -> None:
-        address = (host, port)
-        self.sender = address
-        self.dropped = 0
-        self._peer: Address | None = None if listens else address
+        self.sender = (host, port)
+        self._peer: Address | None = None if listens else self.sender
         self._listens = listens
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
+        self._unsent = 0
         try:
-            if listens:
-                self._socket.bind(address)
-            else:
-                self._socket.connect(address)
-        except OSError as error:
-            self._socket.close()
-            raise BridgeError(f"--mavlink {host}:{port}: {error.strerror}; is it this machine's?") from error
+            self._socket = (
+                listen(self.sender, DATAGRAM_BYTES, QUESTION)
+                if listens
+                else call(self.sender, DATAGRAM_BYTES)
+            )
+        except ConfigError as error:
+            raise BridgeError(f"--mavlink: {error}") from error
+
+    @property
+    def dropped(self) -> int:
+        """Frames without anybody to send to, and what the system or the network could not take."""
+        return self._unsent + self._socket.failures.total()
 
     def fileno(self) -> int:
         """Return the socket's descriptor."""
@@ -76,17 +83,9 @@ class UdpTransport:
 
     def receive(self) -> Iterator[bytes]:
         """Yield one datagram after the other."""
-        for _ in range(DATAGRAMS_A_PASS):
-            try:
-                data, self.sender = self._socket.recvfrom(DATAGRAM_BYTES)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                if error.errno == errno.EBADF:
-                    raise  # Ours, not the network's.
-                self.dropped += 1  # ICMP: nobody is there yet, no route, prohibited. Missing heartbeats tell.
-                continue
-            yield data
+        for datagram in self._socket.receive():
+            self.sender = datagram.source
+            yield datagram.content
 
     def answer(self, sender: Address) -> None:
         """Send there from now on."""
@@ -95,15 +94,10 @@ class UdpTransport:
 
     def send(self, frame: bytes) -> None:
         """Send one datagram; a full queue, a missing peer or route drops it."""
-        try:
-            if self._peer is None:
-                self.dropped += 1
-            elif self._listens:
-                self._socket.sendto(frame, self._peer)
-            else:
-                self._socket.send(frame)
-        except OSError:
-            self.dropped += 1
+        if self._peer is None:
+            self._unsent += 1
+        else:
+            self._socket.send(frame, self._peer)
 
     def close(self) -> None:
         """Close the socket."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.bounds import RATE_HZ
 from edge_runtime.common.command_line import (
     CommandParser,
     begun,
@@ -19,7 +20,6 @@ from edge_runtime.common.command_line import (
 from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import ConfigError
-from edge_runtime.policy.manifest import RATE_HZ
 from edge_runtime.run.console import use_colour
 from firmware_bridge.sil.harness.harness import Harness, StartError
 from firmware_bridge.sil.harness.robots import check_robot

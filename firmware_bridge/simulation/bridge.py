@@ -31,6 +31,7 @@ class SimBridge(Closing):
     name = "sim"
     max_speed_m_s = math.inf
     complaints: tuple[str, ...] = ()
+    reaction = None
 
     def __init__(
         self,

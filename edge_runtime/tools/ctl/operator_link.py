@@ -7,6 +7,7 @@ from functools import partial
 from typing import Final
 
 from edge_runtime.common.closing import Closing
+from edge_runtime.common.printable import printed
 from edge_runtime.config.network import Endpoint
 from edge_runtime.network.datagrams import speak
 from edge_runtime.network.order_wire import (
@@ -147,3 +148,5 @@ class OperatorLink(Closing):
         if standing.session == self.session and standing.robot_id in self._robots and newer:
             self.standings[standing.robot_id] = standing
             self._heard_s[standing.robot_id] = arrival_s
+            self.standings[standing.robot_id] = printed(standing)
+            self._heard_s[standing.robot_id] = time.monotonic()

@@ -8,10 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.common.command_line import CommandParser, command, need
-from edge_runtime.config.objectives import load_objective_set
+from edge_runtime.common.command_line import CommandParser, check_output, command, need
+from edge_runtime.common.printable import printed
+from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.objectives import load_objective_set, own_objective
 from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
+from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import LoggedObjectiveSet, Record, Start, Tick
@@ -31,6 +34,7 @@ exit codes:
 
 examples:
   edge-replay run_000.mcap
+  edge-replay run_000.mcap --own stay_north:StayNorth     or --fleet team.toml
   edge-replay run_000.mcap --objectives slow.toml -o instead.png
   edge-replay run_000.mcap --policy policies/new -o instead.png"""
 SHOWN: Final = 10
@@ -51,6 +55,14 @@ def make_parser() -> CommandParser:
         metavar="DIR",
         help="bundle; if it is not the one that the log was made with: what if it had decided",
     )
+    add(
+        "--own",
+        action="append",
+        default=[],
+        metavar="MODULE:CLASS",
+        help="an objective of your own that the log may name, from this folder or installed; repeatable",
+    )
+    add("--fleet", type=Path, metavar="FILE", help="fleet file, whose own objectives the log may name")
     add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been")
     return parser
 
@@ -78,7 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = load_bundle(flags.policy) if flags.policy else None
     if flags.picture:
         _check_picture(flags)
-    results = [_replay(path, asked, instead) for path in flags.logs]
+    own = _own(flags)
+    results = [_replay(path, asked, instead, own) for path in flags.logs]
     for result in results:
         print(_text(result, flags))
         if flags.picture:
@@ -86,11 +99,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if any(result.differing or result.damage for result in results) else 0
 
 
-def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None) -> ReplayResult:
+def _own(flags: argparse.Namespace) -> tuple[type[Objective], ...]:
+    """The own objectives that the user names, and nobody else."""
+    named = load_fleet(flags.fleet).objective_set.objectives if flags.fleet else ()
+    kinds = [own_objective(name, Path.cwd(), f"--own {name}") for name in flags.own]
+    return (*kinds, *(type(objective) for objective in named if type(objective) not in BUILT_IN))
+
+
+def _replay(
+    path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: tuple[type[Objective], ...]
+) -> ReplayResult:
     result, replay = ReplayResult(path), None
     for record in _with_progress(read_log(path), path):
         if isinstance(record, Start):
-            result.start = record
+            result.start = printed(record)
             bundle = asked or _recorded_bundle(record, path)
             replay = Replay(record, bundle, recorded_policy(record, bundle))
             if instead is not None or bundle.sha256 != record.bundle.sha256:
@@ -98,7 +120,7 @@ def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None) -> R
             if instead is not None:
                 replay.follow(instead)
         elif isinstance(record, LoggedObjectiveSet) and replay is not None and instead is None:
-            replay.follow(recorded_objectives(record, path))
+            replay.follow(recorded_objectives(record, path, own))
         elif isinstance(record, Tick) and replay is not None:
             _judge(result, record, replay)
         elif isinstance(record, Damage):
@@ -143,10 +165,7 @@ def _check_picture(flags: argparse.Namespace) -> None:
     if flags.picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"-o {flags.picture}: a picture's name ends in {', '.join(PICTURES)}")
     need("matplotlib", "train")
-    try:
-        flags.picture.open("ab").close()
-    except OSError as error:
-        raise ConfigError(f"-o {flags.picture}: cannot be written ({error.strerror})") from error
+    check_output("-o", flags.picture, (*flags.logs, flags.objectives, flags.fleet))
 
 
 def _draw(result: ReplayResult, flags: argparse.Namespace) -> None:
@@ -156,7 +175,10 @@ def _draw(result: ReplayResult, flags: argparse.Namespace) -> None:
         raise ConfigError(
             f"-o {flags.picture}: {flags.policy} is the policy that the log was made with: nothing to compare"
         )
-    draw(result.answer, _question(flags), flags.picture)
+    try:
+        draw(result.answer, _question(flags), flags.picture)
+    except OSError as error:
+        raise ConfigError(f"-o {flags.picture}: cannot be written ({error.strerror})") from error
 
 
 def _question(flags: argparse.Namespace) -> str:

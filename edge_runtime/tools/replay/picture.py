@@ -23,6 +23,7 @@ LONGEST: Final = 0.2
 
 def draw(answer: Answer, question: str, path: Path) -> None:
     """Write the picture: the way with both actions, both commanded speeds, the distance of the actions."""
+    mpl.rcParams["text.parse_math"] = False  # names are no formulas
     figure, panels = plt.subplot_mosaic(
         [["way", "speed"], ["way", "change"]], figsize=(10, 5), layout="constrained"
     )

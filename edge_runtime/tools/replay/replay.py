@@ -6,13 +6,13 @@ A difference therefore names the stage that makes it: ``observation`` (states to
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from edge_runtime.config.objectives import make_objective_set
+from edge_runtime.config.objectives import make_objective_set, own_name
 from edge_runtime.control.limits import RobotLimits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
@@ -26,7 +26,7 @@ from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
 from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.recording.json_codec import encode
-from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, Observation, Start, Tick
+from edge_runtime.recording.schema import LoggedObjectiveSet, Observation, Start, Tick
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -117,23 +117,30 @@ def recorded_policy(start: Start, bundle: Bundle) -> VelocityField:
     return bundle.field(next((known for known in BACKENDS if known == backend), "auto"))
 
 
-def recorded_objectives(chosen: LoggedObjectiveSet, path: Path) -> ObjectiveSet:
-    """The settings and active objectives of a log's set; ``path`` is the log's name.
+def recorded_objectives(
+    chosen: LoggedObjectiveSet, path: Path, own: Collection[type[Objective]] = ()
+) -> ObjectiveSet:
+    """The settings and active objectives of a log's set.
+
+    Args:
+        chosen: what the log says.
+        path: the log's name.
+        own: the objectives of the user's own that it may name: nothing is imported on a log's word.
 
     Raises:
-        ConfigError: if an own objective cannot be imported from where it was, or has other fields now.
+        ConfigError: if it names another one, or one that has other fields now.
     """
     guidance = {name: getattr(chosen, name) for name in GuidanceSettings.__struct_fields__}
-    settings = make_objective_set({"guidance": guidance}, path).guidance
-    active = tuple(_objective(logged, path) for logged in chosen.objectives if logged.active)
-    return ObjectiveSet(active, settings)
-
-
-def _objective(logged: LoggedObjective, path: Path) -> Objective:
-    table = {**msgspec.json.decode(logged.parameters), "type": logged.kind}
-    beside = Path(logged.folder) / path.name if logged.folder else path
-    (objective,) = make_objective_set({"objectives": [table]}, beside).objectives
-    return objective
+    active = [logged for logged in chosen.objectives if logged.active]
+    named = {own_name(kind) for kind in own}
+    for logged in active:
+        if ":" in logged.kind and logged.kind not in named:
+            raise ConfigError(
+                f"{path}: followed {logged.kind!r}, code that no log can make run here: name it with "
+                f"--own {logged.kind}, or a fleet file that names it with --fleet"
+            )
+    tables = [{**logged.fields(), "type": logged.kind} for logged in active]
+    return make_objective_set({"guidance": guidance, "objectives": tables}, path, own)
 
 
 def _limits(start: Start, bundle: Bundle) -> RobotLimits:

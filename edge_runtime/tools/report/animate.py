@@ -40,8 +40,14 @@ def animate_run(log: LogReport, path: Path) -> None:
 
 
 def scene_of(run: RunDigest) -> Scene:
-    """Return the team as one robot saw it."""
+    """Return the team as one robot saw it.
+
+    Raises:
+        ConfigError: if it saw nobody.
+    """
     places = [place for place in run.start.fleet.robots if place.robot_id in run.motion]
+    if not places:
+        raise ConfigError("the log says of no robot of its fleet where it was")
     motion = np.stack([run.motion[place.robot_id] for place in places], 1)
     team = team_of([run])
     speeds = limits(team, "speed_limit", "limit_m_s", "m/s")

@@ -3,19 +3,23 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
+from edge_runtime.common.printable import printable, printed
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.schema import End, Event, LoggedObjectiveSet, Record, StageTimes, Start, Tick
 
 STAGES = StageTimes.__struct_fields__
+GREATEST: Final = 1e12
+"""Of any number that is drawn; what a log has beyond it, in whatever unit, nobody measured."""
 
 
 @dataclass(frozen=True)
 class RunDigest:
-    """T ticks of one robot; what a tick did not have is NaN."""
+    """T ticks of one robot; what a tick did not have is NaN. All texts are printable."""
 
     start: Start
     sets: tuple[tuple[float, LoggedObjectiveSet], ...]
@@ -69,7 +73,7 @@ class _Columns:
             self.age_s.setdefault(mate.state.robot_id, {})[row] = mate.age_s
         self.stage_us.append(tuple(getattr(tick.timing, stage) for stage in STAGES))
         self.misses.append(tick.inputs.misses)
-        self.stopped.append(tick.command.stop_reason)
+        self.stopped.append(printable(tick.command.stop_reason))
         for name, cost in zip(objectives, action.costs, strict=False):  # a refused sample has none
             self.costs.setdefault(name, {})[row] = cost
         for name, count in zip(objectives, action.conflicts, strict=False):
@@ -91,17 +95,18 @@ def digest(records: Iterable[Record], name: str) -> RunDigest:
     columns, objectives, now_s = _Columns(), list[str](), 0.0
     for record in records:
         if isinstance(record, Start):
-            start, now_s = start or record, record.started_unix_s
+            start, now_s = start or printed(record), record.started_unix_s
         elif isinstance(record, LoggedObjectiveSet):
+            record = printed(record)
             if not sets or sets[-1][1] != record:
                 sets.append((columns.time_s[-1] if columns.time_s else now_s, record))
             objectives = active_names(record)
         elif isinstance(record, Tick) and start is not None:
             columns.add(record, start.started_unix_s + record.inputs.deadline_s - start.started_s, objectives)
         elif isinstance(record, Event):
-            events.append(record)
+            events.append(printed(record))
         elif isinstance(record, End):
-            end = record
+            end = printed(record)
     if start is None:
         raise ConfigError(f"{name}: holds no run's start")
     return _arranged(start, tuple(sets), tuple(events), end, columns)
@@ -132,7 +137,7 @@ def _arranged(
         np.array(columns.time_s),
         {robot: _filled(rows, count, 4) for robot, rows in sorted(columns.motion.items())},
         {robot: _filled(rows, count, 1)[:, 0] for robot, rows in sorted(columns.age_s.items())},
-        np.array(columns.stage_us, np.float64).reshape(count, len(STAGES)),
+        _drawn(np.array(columns.stage_us, np.float64).reshape(count, len(STAGES))),
         np.array(columns.misses, np.float64),
         tuple(columns.stopped),
         {name: _filled(rows, count, 1)[:, 0] for name, rows in columns.costs.items()},
@@ -146,4 +151,8 @@ def _filled(rows: "dict[int, tuple[float, ...]] | dict[int, float]", count: int,
     table = np.full((count, width), math.nan)
     if rows:
         table[list(rows)] = np.array(list(rows.values()), np.float64).reshape(len(rows), width)
-    return table
+    return _drawn(table)
+
+
+def _drawn(table: Floats) -> Floats:
+    return np.where(np.abs(table) <= GREATEST, table, math.nan)

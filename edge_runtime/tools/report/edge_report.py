@@ -10,12 +10,12 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.command_line import CommandParser, command, complain, need
+from edge_runtime.common.command_line import CommandParser, check_output, command, complain, need
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import Record, Start
 from edge_runtime.tools.report.digest import RunDigest, digest
-from edge_runtime.tools.report.page.document import Page, check_writable, write_page
+from edge_runtime.tools.report.page.document import Page, write_page
 from edge_runtime.tools.report.page.progress import steps
 from edge_runtime.tools.report.sections import make_page
 from edge_runtime.tools.report.team import team_of
@@ -120,9 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     no_notes: tuple[str, ...] = ()
     flags = make_parser().parse_args(arguments)
     need("matplotlib", "report")
-    if flags.output in flags.logs:
-        raise ConfigError(f"-o {flags.output}: is one of the logs")
-    check_writable(flags.output)
+    check_output("-o", flags.output, flags.logs)
     if len(flags.logs) == 1 and flags.logs[0].suffix == ".json":
         page, notes = sil_page(flags.logs[0]), no_notes
     else:

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.common.printable import printed
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
@@ -29,7 +30,7 @@ def load_page(path: Path) -> Page:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{path}: is no report of this version's edge-sil --json ({error})") from error
-    return make_page(report)
+    return make_page(printed(report))
 
 
 def make_page(report: SilReport) -> Page:

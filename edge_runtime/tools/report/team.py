@@ -1,17 +1,17 @@
 """Several robots' runs on one time axis."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
+from edge_runtime.common.bounds import GREATEST
 from edge_runtime.control.monitor import SETTLE_S
 from edge_runtime.messages import Vector2
-from edge_runtime.recording.schema import RobotPlace
+from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, RobotPlace
 from edge_runtime.tools.report.digest import RunDigest
 from edge_runtime.tools.report.page.arena import Circle
 from edge_runtime.tools.report.page.chart import Limit
@@ -95,13 +95,7 @@ def separation(one: RobotTrack, team: TeamDigest) -> Floats:
 
 def limits(team: TeamDigest, kind: str, field: str, unit: str) -> list[Limit]:
     """What objectives of a kind asked for in any of the runs' sets, guided or not."""
-    values = {
-        json.loads(item.parameters)[field]
-        for run in team.runs
-        for _, chosen in run.sets
-        for item in chosen.objectives
-        if item.kind == kind
-    }
+    values = {limit for run in team.runs for _, chosen in run.sets for limit in _asked(chosen, kind, field)}
     return [Limit(value, f"{kind.replace('_', ' ')} {value:g} {unit}") for value in sorted(values)]
 
 
@@ -117,11 +111,10 @@ def stretches(team: TeamDigest, kind: str, field: str) -> list[Stretch]:
     """When each limit of a kind held: sets that were taken up while driving from `SETTLE_S` later on."""
     found = set()
     for run in team.runs:
-        ends = [time_s - team.zero_s for time_s, _ in run.sets[1:]] + [math.inf]
         begin_s = -math.inf
-        for (_, chosen), end_s in zip(run.sets, ends, strict=True):
-            asked = [json.loads(item.parameters)[field] for item in chosen.objectives if item.kind == kind]
-            found |= {Stretch(limit, begin_s, end_s) for limit in asked}
+        for place, (_, chosen) in enumerate(run.sets, 1):
+            end_s = run.sets[place][0] - team.zero_s if place < len(run.sets) else math.inf
+            found |= {Stretch(limit, begin_s, end_s) for limit in _asked(chosen, kind, field)}
             begin_s = end_s + SETTLE_S
     return sorted(found)
 
@@ -132,8 +125,29 @@ def fences(team: TeamDigest) -> list[Circle]:
     for run in team.runs:
         for _, chosen in run.sets:
             for item in chosen.objectives:
-                asked = json.loads(item.parameters)
-                if "centre_m" in asked and "radius_m" in asked:
-                    centre = (float(asked["centre_m"][0]), float(asked["centre_m"][1]))
-                    found[centre, asked["radius_m"]] = Circle(centre, asked["radius_m"], item.name)
+                if fence := _fence(item):
+                    found[fence.centre_m, fence.radius_m] = fence
     return list(found.values())
+
+
+def _asked(chosen: LoggedObjectiveSet, kind: str, field: str) -> list[float]:
+    """The limits that a set's objectives of a kind name."""
+    values = [item.fields().get(field) for item in chosen.objectives if item.kind == kind]
+    return [value for value in values if _is_length(value)]
+
+
+def _fence(item: LoggedObjective) -> Circle | None:
+    asked = item.fields()
+    centre, radius_m = asked.get("centre_m"), asked.get("radius_m")
+    if not (isinstance(centre, list) and len(centre) == 2):
+        return None
+    x, y = centre
+    return (
+        Circle((x, y), radius_m, item.name)
+        if _is_length(x) and _is_length(y) and _is_length(radius_m)
+        else None
+    )
+
+
+def _is_length(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and abs(value) <= GREATEST

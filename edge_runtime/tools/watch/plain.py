@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator
 
-from edge_runtime.common.printable import printable
 from edge_runtime.telemetry.status import Status
 from edge_runtime.tools.watch import text
 from edge_runtime.tools.watch.team import WatchedTeam
@@ -25,10 +24,10 @@ def _facts(status: Status) -> str:
         f"rate {text.rate(status).text} Hz",
         f"missed {status.missed}",
         f"tick {text.milliseconds(status.tick)} ms",
-        *(f"{printable(item.name)} {text.objective(item).text}" for item in status.objectives),
+        *(f"{item.name} {text.objective(item).text}" for item in status.objectives),
         f"oldest {1e3 * max(status.ages_s.values(), default=0.0):.0f} ms",
         f"set {status.objectives_version}",
     ]
     if status.stop_reason:
-        facts.append(f"stop: {printable(status.stop_reason)}")
+        facts.append(f"stop: {status.stop_reason}")
     return "  ".join(facts)

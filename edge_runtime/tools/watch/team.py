@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 
+from edge_runtime.common.printable import printed
 from edge_runtime.network.datagrams import Datagrams
 from edge_runtime.network.seal import FrameError
 from edge_runtime.telemetry.status import Status, decode
@@ -59,7 +60,7 @@ class WatchedTeam:
     def take(self, packet: bytes) -> None:
         """Take in one packet, or count why not."""
         try:
-            status = decode(packet, self._key)
+            status = printed(decode(packet, self._key))
         except FrameError as error:
             self.dropped[str(error)] += 1
             return

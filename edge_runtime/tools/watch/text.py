@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-from edge_runtime.common.printable import printable
 from edge_runtime.telemetry.status import ObjectiveStatus, Span, Status
 from edge_runtime.tools.watch.team import WatchedTeam
 
@@ -75,7 +74,7 @@ def milliseconds(span: Span) -> str:
 def objective(item: ObjectiveStatus) -> Cell:
     """What an objective asks, its cost, and its conflicts if it has any."""
     cost = f"{item.cost:.3f}" if item.cost < 100.0 else f"{item.cost:.2g}"
-    parts = [printable(item.limit), cost, f"{item.conflicts:.0%}" if item.conflicts else ""]
+    parts = [item.limit, cost, f"{item.conflicts:.0%}" if item.conflicts else ""]
     return Cell("  ".join(filter(None, parts)), item.cost == 0.0 or None)
 
 

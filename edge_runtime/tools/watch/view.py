@@ -6,7 +6,6 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
-from edge_runtime.common.printable import printable
 from edge_runtime.telemetry.status import Status
 from edge_runtime.tools.watch import text
 from edge_runtime.tools.watch.team import WatchedTeam
@@ -80,9 +79,7 @@ def _stop_reasons(team: WatchedTeam) -> list[Text]:
     for robot_id, heard in team.heard.items():
         if heard and heard.status.stop_reason and not team.silent(robot_id):
             stopped.setdefault(heard.status.stop_reason, []).append(str(robot_id))
-    return [
-        Text(f"stopped {', '.join(robots)}: {printable(reason)}", "red") for reason, robots in stopped.items()
-    ]
+    return [Text(f"stopped {', '.join(robots)}: {reason}", "red") for reason, robots in stopped.items()]
 
 
 def _objectives(statuses: list[Status]) -> Table:
@@ -90,7 +87,7 @@ def _objectives(statuses: list[Status]) -> Table:
     places = dict.fromkeys(
         (place, objective.name) for status in statuses for place, objective in enumerate(status.objectives)
     )
-    table = _table("cost", *(printable(name) for _, name in places))
+    table = _table("cost", *(name for _, name in places))
     for status in statuses:
         items = {(place, item.name): item for place, item in enumerate(status.objectives)}
         cells = [text.objective(items[place]) if place in items else text.Cell("-") for place in places]
@@ -100,7 +97,7 @@ def _objectives(statuses: list[Status]) -> Table:
 
 def _times(statuses: list[Status]) -> Table:
     stages = dict.fromkeys(stage for status in statuses for stage in status.stages)
-    table = _table("p50/p99 ms", "tick", *map(printable, stages), gap=1)
+    table = _table("p50/p99 ms", "tick", *stages, gap=1)
     for status in statuses:
         spans = (status.stages.get(stage) for stage in stages)
         cells = [text.milliseconds(span) if span else "-" for span in spans]

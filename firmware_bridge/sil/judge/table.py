@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from edge_runtime.common.printable import printed
 from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport
 
@@ -10,6 +11,7 @@ _COLOURS = {"passed": 32, "failed": 31, "invalid": 33}
 
 def table(report: SilReport, *, colour: bool) -> str:
     """Return the report as text: a line a robot, the team, the machine, the verdict."""
+    report = printed(report)
     head = (
         "",
         "rate",

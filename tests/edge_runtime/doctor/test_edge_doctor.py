@@ -47,8 +47,8 @@ def test_a_chassis_is_looked_at_and_not_touched(alone, capsys, tmp_path):
     with Chassis(address) as chassis:
         code = doctor.main([*alone, *link, "--guard-deadline", "0.5", "--json", str(report)])
     found = verdicts(capsys.readouterr().out)
-    assert list(found)[-4:] == ["team", "CAN interface", "feedback", "firmware timeout"]
-    assert set(list(found.values())[-4:]) == {"ok"}
+    assert list(found)[-5:] == ["team", "CAN interface", "feedback", "firmware timeout", "stopping"]
+    assert set(list(found.values())[-5:]) == {"ok"}
     assert code == int("fail" in found.values())
     assert chassis.frames == []
     assert not report.exists()

@@ -11,7 +11,7 @@ POSITIVE = "must be between 1e-06 and 1e+06"
 
 REFUSALS = [
     ("format", "cfpg-bundle/2", "format is 'cfpg-bundle/2', must be 'cfpg-bundle/1'"),
-    ("name", " ", "name is ' ', must be a name of up to 200 characters"),
+    ("name", " ", "name is ' ', must be a name of up to 200 printable characters"),
     ("runtime", "torch", "Invalid enum value 'torch' - at `$.runtime`"),
     ("control_rate_hz", 0, "control_rate_hz is 0.0, must be between 1 and 1000"),
     ("control_rate_hz", 1e9, "control_rate_hz is 1000000000.0, must be between 1 and 1000"),
@@ -42,7 +42,9 @@ REFUSALS = [
     ("action.1.low", 1.0, "action[1].low is 1.0, must be below its high, 1.0"),
     ("network", None, "network is None, must be given for runtime 'numpy'"),
     ("network.activation", "relu", "Invalid enum value 'relu' - at `$.network.activation`"),
-    ("name", "n" * 201, "must be a name of up to 200 characters"),
+    ("name", "n" * 201, "must be a name of up to 200 printable characters"),
+    ("name", "nav\x1b[2J", r"name is 'nav\x1b[2J', must be a name of up to 200 printable characters"),
+    ("training.commit", "a\nb", r"training.commit is 'a\nb', must be a name of up to 200 printable"),
     ("body.lidar_rays", 1_000_000, "body.lidar_rays is 1000000, must be between 0 and 1024"),
     ("network.hidden", [], "network.hidden: number of layers is 0, must be between 1 and 16"),
     ("network.hidden", [1] * 100_000, "network.hidden: number of layers is 100000, must be between 1 and 16"),

@@ -1,13 +1,16 @@
 """Reading logs that are whole, cut, damaged, foreign or of another format."""
 
 import itertools
+import os
+import tracemalloc
 
+import foreign_logs
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from logs import record, ticks, write
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
@@ -121,3 +124,105 @@ def test_another_format_is_refused_by_both_names(log, tmp_path):
 def test_a_missing_file_is_one_line(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         list(read_log(tmp_path / "none.mcap"))
+
+
+def damage(path):
+    """Where reading ended; whatever came before is read."""
+    *_, last = read_log(path)
+    assert isinstance(last, Damage)
+    assert "\n" not in last.message
+    return last.message
+
+
+@pytest.fixture(scope="module")
+def messages(log):
+    return foreign_logs.messages_of(log)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_what_another_writer_makes_of_a_log_is_read_alike(log, messages, tmp_path, compression):
+    again = foreign_logs.write(tmp_path / "again.mcap", messages, compression)
+    assert list(read_log(again)) == list(read_log(log))
+
+
+def test_chunks_that_edge_run_does_not_pack_so(messages, tmp_path):
+    other = foreign_logs.write(tmp_path / "lz4.mcap", messages, CompressionType.LZ4)
+    assert "compressed by lz4" in damage(other)
+
+
+@pytest.mark.parametrize(("packed", "claimed"), [
+    (1 << 31, 1 << 31), (1 << 31, 1000), (1 << 26, 1 << 26), (1 << 20, 1 << 20), (1 << 20, 2**63),
+])  # fmt: skip
+def test_a_packed_bomb_is_not_unpacked(messages, tmp_path, packed, claimed):
+    (_, start), *_ = messages
+    bomb = foreign_logs.with_chunk(tmp_path / "bomb.mcap", start, foreign_logs.packed_zeros(packed), claimed)
+    assert bomb.stat().st_size < 200_000
+    tracemalloc.start()
+    try:
+        assert "that unpacks to" in damage(bomb)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def changed(path, messages, topic, change):
+    """Write a log of which the first message on a topic is another one."""
+    place = [name for name, _ in messages].index(topic)
+    _, content = messages[place]
+    others = [*messages[:place], (topic, change(content)), *messages[place + 1 :]]
+    return foreign_logs.write(path, others, CompressionType.NONE)
+
+
+DEEP = b'{"a":' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+
+
+@pytest.mark.parametrize("topic", ["/inputs", "/state", "/events", "/objectives", "/end"])
+@pytest.mark.parametrize(
+    "content", [DEEP, b"", b"no JSON", b"\xff", b"[]", b"null", b'{"a": ' + b"9" * 5000 + b"}"]
+)
+def test_messages_that_are_not_what_their_channel_holds(messages, tmp_path, topic, content):
+    path = changed(tmp_path / "other.mcap", messages, topic, lambda _: content)
+    assert f"a message on {topic} does not read (" in damage(path)
+
+
+@pytest.mark.parametrize("content", [DEEP, b"no JSON", b"\xff", b"[]"])
+def test_starts_that_are_none(messages, tmp_path, content):
+    path = changed(tmp_path / "other.mcap", messages, "/start", lambda _: content)
+    with pytest.raises(ConfigError, match="does not begin with /start"):
+        list(read_log(path))
+
+
+@pytest.mark.parametrize(("topic", "old", "new"), [
+    ("/start", b'"robot_id":0', b'"robot_id":7'),
+    ("/start", b'"robot_id":0', b'"robot_id":' + b"9" * 30),
+    ("/start", b'"rate_hz":100.0', b'"rate_hz":0.0'),
+    ("/start", b'"rate_hz":100.0', b'"rate_hz":"NaN"'),
+    ("/start", b'"radius_m":', b'"radius_m":-1.0,"x":'),
+    ("/start", b'"goal_m":[', b'"goal_m":["Infinity",0.0],"x":['),
+    ("/start", b'"started_unix_s":', b'"started_unix_s":1e300,"x":'),
+    ("/state", b'"robot_id":1', b'"robot_id":' + b"9" * 30),
+    ("/command", b'"sequence":', b'"sequence":1' + b"0" * 30),
+    ("/objectives", b'"parameters":"{', b'"parameters":"[{'),
+    ("/objectives", b'"parameters":"', b'"parameters":"' + b"[" * 100_000),
+])  # fmt: skip
+def test_numbers_that_no_robot_writes(messages, tmp_path, topic, old, new):
+    def change(content):
+        assert old in content
+        return content.replace(old, new, 1)
+
+    path = changed(tmp_path / "other.mcap", messages, topic, change)
+    assert f"a message on {topic} does not read (" in damage(path)
+
+
+def test_ticks_that_are_out_of_order(messages, tmp_path):
+    swapped = messages[:]
+    first, second = [place for place, (topic, _) in enumerate(messages) if topic == "/inputs"][:2]
+    swapped[first], swapped[second] = swapped[second], swapped[first]
+    path = foreign_logs.write(tmp_path / "other.mcap", swapped)
+    assert damage(path) == "tick 0 is out of order after tick 1"
+
+
+def test_a_pipe_is_no_log(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match=r"pipe: cannot be read \(not a regular file\)"):
+        list(read_log(tmp_path / "pipe"))

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from waiting import HANG_S, until
 
 from edge_runtime.control.rate import Percentiles
+from edge_runtime.control.stopping import Stopping, Travel
 from edge_runtime.run.console import summary, use_colour
 from edge_runtime.run.run_report import RobotReport, RunReport
 
@@ -56,6 +57,18 @@ class Terminal(io.StringIO):
 def line(report, name, colour=False):
     (found,) = [row for row in summary(report, colour=colour).splitlines() if row.startswith(f"  {name}")]
     return found.removeprefix(f"  {name}").strip()
+
+
+@pytest.mark.parametrize(("room_m", "colour"), [(None, ""), (0.2, ""), (0.1, "\x1b[31m")])
+def test_stopping_is_a_number_and_red_where_the_margin_is_shorter(room_m, colour):
+    stopping = Stopping(0.3, 2.0, (Travel("guard dead", 0.5, 0.17),), room_m)
+    told = line(replace(REPORT, stopping=stopping), "stopping", colour=True)
+    assert told.startswith(f"{colour}at 0.3 m/s, braking with 2 m/s^2: guard dead 0.17 m")
+    assert ("less than after: guard dead" in told) == bool(colour)
+
+
+def test_where_nothing_real_moves_nothing_is_said_of_stopping():
+    assert "stopping" not in summary(REPORT, colour=False)
 
 
 def test_every_fact_has_its_line():

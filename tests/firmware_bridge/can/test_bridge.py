@@ -119,8 +119,9 @@ def test_what_no_message_tells_must_be_confirmed_before_it_drives(tmp_path, prof
     assert open_bridge(mission(), parsed("--profile", str(copy))).max_speed_m_s == 1.0
 
 
-def test_a_limo_tells_nobody_when_it_stops_by_itself():
-    assert load_profile(PROFILES / "agilex_limo.toml").firmware_timeout_s is None
+@pytest.mark.parametrize("name", ["agilex_limo", "agilex_ranger"])
+def test_nobody_says_when_these_stop_by_themselves(name):
+    assert load_profile(PROFILES / f"{name}.toml").firmware_timeout_s is None
 
 
 def drive(bridge, velocity, arrived):

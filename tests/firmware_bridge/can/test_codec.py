@@ -235,6 +235,18 @@ class TestProfiles:
             ({"speed_m_s = 1.5": "speed_m_s = 0"}, "`speed_m_s` must be positive"),
             ({"any_of = [1] }": "any_of = [] }"}, "either `any_of` or `none_of`"),
             ({"[stop]": "[stops]"}, "stops"),
+            (
+                {"yaw = 1.0 }": "laterl = 1.0 }"},
+                "MotionCommand.Angular.laterl: unknown key; allowed: f",
+            ),
+            (
+                {"{ forward = 1.0 }": '{ forward = "1" }'},
+                "Linear.forward: Expected `float`, got",
+            ),
+            (
+                {"[stop]": '[protection.MotionCommand]\nprofile = "e2e_p01"\ndata_idd = 1\n[stop]'},
+                "protection.MotionCommand.data_idd: unknown key; allowed: profile, data_id,",
+            ),
         ],
     )
     def test_each_mistake_is_one_line_with_its_key(self, tmp_path, changes, said):

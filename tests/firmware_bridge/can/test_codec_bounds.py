@@ -1,8 +1,11 @@
 """What a DBC can carry and say, at its edges: ranges, limits, sums, counters, named values, complaints."""
 
+import os
+
 import pytest
 
 from edge_runtime.errors import ConfigError
+from firmware_bridge.can import vocabulary
 from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.e2e import Protection, counter_of
 from firmware_bridge.can.frame import Frame
@@ -117,6 +120,16 @@ def test_unknown_messages_are_named_with_their_key_and_the_known_ones(codec):
     known = "no message 'Horn' in robot.dbc; it has: Drive, Arm, Beep, Status"
     assert complaint(codec, tables=PROTECTION.format("Horn", 2)) == f"protection.Horn: {known}"
     assert complaint(codec, toml=("Status = 0.1", "Status = 0.1, Horn = 0.1")) == f"feedback.stale_s: {known}"
+
+
+def test_a_dbc_is_a_regular_file_of_a_stated_size(codec, tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "pipe.dbc")
+    said = complaint(codec, toml=('dbc = "robot.dbc"', 'dbc = "pipe.dbc"'))
+    assert "pipe.dbc cannot be read as a DBC" in said
+    said = complaint(codec, toml=('dbc = "robot.dbc"', 'dbc = "/dev/zero"'))
+    assert "/dev/zero cannot be read as a DBC" in said
+    monkeypatch.setattr(vocabulary, "LARGEST_DBC", 10)
+    assert "robot.dbc cannot be read as a DBC" in complaint(codec)
 
 
 def test_an_unreadable_dbc_is_one_line_with_the_parsers_words(codec):

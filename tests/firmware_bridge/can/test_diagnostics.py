@@ -207,6 +207,14 @@ def test_a_vescs_settings_are_findings_each(tmp_path):
     assert "Minimum ERPM is 0" in found[1].detail
 
 
+def test_frames_that_cannot_be_read_are_told(address, listen):
+    with Chassis(address) as chassis:
+        chassis.corrupt = True
+        found = listen(arm=True, seconds=1.0)
+    assert found.verdict is Verdict.FAIL
+    assert "frames could not be read" in found.detail
+
+
 def test_silence_is_bounded(listen):
     began = time.monotonic()
     found = listen(arm=True, seconds=0.1)

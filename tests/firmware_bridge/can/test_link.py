@@ -27,6 +27,7 @@ class Wire:
         self.arriving: list[Frame] = []
         self.full = 0
         self.is_open = False
+        self.malformed = 0
 
     def open(self):
         self.is_open = True

@@ -24,6 +24,8 @@ HEARTBEAT = Frame(0x01, bytes(8))
 class Drives:
     """A bus with two drives, after ODrive's CAN guide: ``struct.pack("<BHB" + format, ...)``."""
 
+    malformed = 0
+
     def __init__(self) -> None:
         self.parameters = {node: {TIMEOUT: bytes(4), ENABLE: b"\0"} for node in (0, 1)}
         self.version, self.locked, self.silent, self.full = (6, 10), set(), 0, False

@@ -23,6 +23,8 @@ STATUS = Frame(0x901, bytes(8), extended=True)
 class Drives:
     """A bus with VESCs: ids, timeouts in ms, brake currents in A."""
 
+    malformed = 0
+
     def __init__(self, told) -> None:
         self.told = dict(told)
         self.asked: list[Frame] = []

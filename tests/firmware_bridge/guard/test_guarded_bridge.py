@@ -9,6 +9,7 @@ from guard_fakes import spec
 from waiting import HANG_S
 
 import firmware_bridge.guard.guarded_bridge as bridge_module
+from edge_runtime.control.bridge import Reaction
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Command, RobotState
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
@@ -81,8 +82,10 @@ def test_states_and_counts_come_back(bridge, guard):
     assert bridge.name == "can"
     assert bridge.read() is None
     guard.tell(Report(Phase.DRIVING, Counts(1, 2, 3, 4, 5), STATE))
-    guard.tell(Report(Phase.DRIVING, Counts(6, 2, 3, 4, 5), None))
+    assert bridge.reaction == Reaction(spec().deadline_s, None, None)
+    guard.tell(Report(Phase.DRIVING, Counts(6, 2, 3, 4, 5), None, 0.5))
     assert bridge.read() == STATE
+    assert bridge.reaction == Reaction(spec().deadline_s, 0.5, None)
     assert bridge.counts == Counts(6, 2, 3, 4, 5)
     assert bridge.phase is Phase.DRIVING
 

@@ -191,10 +191,11 @@ def test_a_bad_command_stops_the_robot(address, velocity):
     assert_ramped_stop(chassis.frames)
 
 
-def test_an_operator_keeps_the_robot(address):
+@pytest.mark.parametrize("control_mode", [2, 3], ids=["at the serial port", "with the remote control"])
+def test_an_operator_keeps_the_robot(address, control_mode):
     with Chassis(address) as chassis, GuardedBridge(patient_spec(address)) as bridge:
         drive(bridge, chassis, drives(chassis))
-        chassis.control_mode = 3
+        chassis.control_mode = control_mode
         with pytest.raises(BridgeError, match="operator"):
             drive(bridge, chassis, lambda: False)
         chassis.settle()

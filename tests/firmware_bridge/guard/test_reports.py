@@ -198,9 +198,9 @@ def test_a_stop_asks_for_the_health_of_now():
 @pytest.mark.parametrize(
     ("packet", "said"),
     [
-        (b"\x61\xcf", "2 bytes are no frame"),
-        (b"\x61\xcf" + bytes(18), "kind 0 in 20 bytes"),
-        (bytes(20), "magic 0x0000 instead of 0xcf61"),
+        (b"\x62\xcf", "2 bytes are no frame"),
+        (b"\x62\xcf" + bytes(18), "kind 0 in 20 bytes"),
+        (bytes(20), "magic 0x0000 instead of 0xcf62"),
     ],
 )
 def test_a_malformed_packet_is_described(packet, said):

@@ -34,7 +34,7 @@ def test_commands_come_back(setpoint):
     assert decode_request(encode_command(setpoint)) == setpoint
 
 
-@given(st.builds(Report, st.sampled_from(Phase), counts, st.none() | states))
+@given(st.builds(Report, st.sampled_from(Phase), counts, st.none() | states, st.none() | numbers))
 def test_reports_come_back(report):
     packet = encode_report(report, 1.0)
     assert len(packet) <= PACKET_BYTES

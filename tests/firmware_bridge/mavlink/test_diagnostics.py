@@ -100,6 +100,7 @@ def test_an_autopilot_that_is_ready_to_be_armed(mission):
         "answers": Verdict.OK,
         "mode": Verdict.OK,
         "firmware timeout": Verdict.OK,
+        "stopping": Verdict.WARN,
         "pose": Verdict.OK,
         "estimator": Verdict.OK,
     }

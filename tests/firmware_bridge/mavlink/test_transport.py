@@ -10,22 +10,26 @@ from ports import free_port
 from waiting import HANG_S
 
 from edge_runtime.errors import BridgeError, ConfigError
+from edge_runtime.network.datagrams import DRAIN
 from firmware_bridge.mavlink.serial_port import LONGEST_QUEUE
-from firmware_bridge.mavlink.transport import DATAGRAMS_A_PASS, open_transport, parse_address
+from firmware_bridge.mavlink.transport import open_transport, parse_address
 
 
 class TellingSocket:
     """Says once, on receiving and on sending, what an ICMP message makes a kernel say."""
 
     def __init__(self, wrapped, word):
-        self._wrapped, self._words = wrapped, {"recvfrom": word, "sendto": word}
+        self._wrapped, self._words = wrapped, {"recvmsg_into": word, "sendto": word}
 
     def __getattr__(self, name):
-        if name in self._words:
-            word = self._words.pop(name)
-            raise_it = OSError(word, os.strerror(word))
-            return lambda *_: (_ for _ in ()).throw(raise_it)
-        return getattr(self._wrapped, name)
+        if name not in self._words:
+            return getattr(self._wrapped, name)
+        word = self._words.pop(name)
+
+        def say(*_):
+            raise OSError(word, os.strerror(word))
+
+        return say
 
 
 @pytest.fixture
@@ -155,28 +159,24 @@ class TestUdp:
         robot.send(b"first")
         received(listening)
         listening.answer(listening.sender)
-        listening._socket = TellingSocket(listening._socket, word)
+        port = listening._socket
+        port._socket = TellingSocket(port._socket, word)
         robot.send(b"second")
         assert received(listening) == [b"second"]
         listening.send(b"hello")
         assert listening.dropped == 2
 
-    def test_a_socket_of_ours_that_is_gone_is_not_the_networks_word(self, listening):
-        listening.close()
-        with pytest.raises(OSError, match="Bad file descriptor"):
-            list(listening.receive())
-
     def test_a_flood_is_taken_in_portions(self, listening, robot):
-        for _ in range(DATAGRAMS_A_PASS + 5):
+        for _ in range(DRAIN + 5):
             robot.send(b"x")
-        assert len(received(listening)) == DATAGRAMS_A_PASS
+        assert 0 < len(received(listening)) <= DRAIN
 
     def test_a_port_in_use_is_refused(self, robot):
         with pytest.raises(BridgeError, match="in use"):
             open_transport(f"udpin:127.0.0.1:{robot.getsockname()[1]}")
 
     def test_an_address_of_another_machine_is_refused(self):
-        with pytest.raises(BridgeError, match="is it this machine's"):
+        with pytest.raises(BridgeError, match="is the address this machine's"):
             open_transport("udpin:192.0.2.1:14550")
 
 
@@ -213,3 +213,8 @@ class TestSerial:
     def test_a_baud_rate_that_does_not_exist_is_refused(self, cable):
         with pytest.raises(BridgeError, match="--mavlink serial"):
             open_transport(f"serial:{cable[0]._port.name}:0")
+
+
+def test_a_name_that_leads_nowhere_is_refused():
+    with pytest.raises(BridgeError, match=r"cannot reach autopilot\.invalid port 14550"):
+        open_transport("udpout:autopilot.invalid:14550")

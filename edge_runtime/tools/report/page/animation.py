@@ -2,6 +2,7 @@
 
 import math
 import shutil
+import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
-from edge_runtime.common.command_line import need
+from edge_runtime.common.command_line import check_writable, need
+from edge_runtime.common.printable import first_line
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.tools.report.page.arena import Circle, disc
@@ -74,15 +76,26 @@ def check_target(path: Path) -> None:
         raise ConfigError(f"{path}: a moving picture's name ends in .gif or .mp4")
     if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ConfigError(f"{path}: needs ffmpeg, which is not installed; write a .gif instead")
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error
+    check_writable(path)
 
 
 def animate(scenes: Sequence[Scene], path: Path) -> None:
-    """Draw scenes side by side; they start together, and each stays as it ended until the longest is over."""
-    from matplotlib.animation import FFMpegWriter  # noqa: PLC0415  # an extra
+    """Draw scenes side by side; they start together, and each stays as it ended until the longest is over.
+
+    Raises:
+        ConfigError: if the system does not take the file.
+    """
+    import matplotlib as mpl  # noqa: PLC0415  # an extra
+
+    try:
+        with mpl.rc_context({"text.parse_math": False}):
+            _animate(scenes, path)
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise ConfigError(f"{path}: cannot be written ({first_line(error)})") from error
+
+
+def _animate(scenes: Sequence[Scene], path: Path) -> None:
+    from matplotlib.animation import FFMpegWriter  # noqa: PLC0415
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 

@@ -75,18 +75,6 @@ class Page(msgspec.Struct, frozen=True):
     sections: Sequence[Section]
 
 
-def check_writable(path: Path) -> None:
-    """Find out before the work starts whether the page can be written.
-
-    Raises:
-        ConfigError: if it cannot.
-    """
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from error
-
-
 def write_page(page: Page, path: Path) -> None:
     """Write a page.
 

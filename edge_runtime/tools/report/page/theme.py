@@ -35,6 +35,7 @@ WIDTH_IN: Final = 5.0
 """Type of 10 points in a figure this wide is readable on a phone, where it fills the screen."""
 _STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
+    "text.parse_math": False,
     "font.size": 10.0,
     "font.family": "DejaVu Sans",
     "text.color": INK,

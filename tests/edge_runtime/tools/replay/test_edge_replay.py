@@ -2,6 +2,7 @@
 
 import math
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from edge_runtime.guidance.flow import guided_action
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import LoggedObjectiveSet, Start, Tick
+from edge_runtime.recording.wire import LogReport
 from edge_runtime.tools.replay.edge_replay import main
 from edge_runtime.tools.replay.replay import Replay, recorded_objectives, recorded_policy
+from edge_runtime.tools.report.animate import animate_run
+from edge_runtime.tools.report.edge_report import main as report
 
 NUMBER = 17
 NAVIGATION = str(PACKAGED / "navigation")
@@ -138,22 +142,83 @@ def test_states_that_are_not_finite_are_recorded_and_repeated(log, tmp_path, val
     assert main([str(path)]) == 0
 
 
-def test_an_own_objective_is_imported_from_where_it_was(tmp_path):
-    (tmp_path / "go_east.py").write_text(
-        "from edge_runtime.objectives import Objective, Slope\n"
-        "class GoEast(Objective, frozen=True, kw_only=True, tag='go_east'):\n"
-        "    pull: float\n"
-        "    def evaluate(self, motion, outlook):\n"
-        "        return Slope(self.pull, d_vx=-self.pull)\n"
+GO_EAST = """
+from pathlib import Path
+from edge_runtime.objectives import Objective, Slope
+
+with (Path(__file__).parent / "imported").open("a") as file:
+    file.write("x")
+
+
+class {name}(Objective, frozen=True, kw_only=True, tag="{module}"):
+    pull: float
+
+    def evaluate(self, motion, outlook):
+        return Slope(self.pull, d_vx=-self.pull)
+"""
+
+
+def own_objective(tmp_path, module):
+    """An objective's module, whose imports are counted, and the file that names it."""
+    (tmp_path / f"{module}.py").write_text(GO_EAST.format(name="GoEast", module=module))
+    (tmp_path / "east.toml").write_text(f'[[objectives]]\ntype = "{module}:GoEast"\npull = 0.1\n')
+    return tmp_path / "east.toml"
+
+
+@pytest.fixture
+def east_log(tmp_path):
+    """A log that names an own objective of this process, beside a module of the same name."""
+    (path,) = record(tmp_path, "--objectives", str(own_objective(tmp_path, "go_east")))
+    return path
+
+
+def forget(name):
+    sys.modules.pop(name)
+
+
+def imports(folder):
+    return len((folder / "imported").read_text())
+
+
+def test_nothing_is_imported_on_a_logs_word(tmp_path, east_log, capsys, monkeypatch):
+    forget("go_east")
+    monkeypatch.chdir(tmp_path)
+    assert main([str(east_log)]) == 2
+    assert imports(tmp_path) == 1  # by the run itself
+    complaint = capsys.readouterr().err
+    assert complaint.startswith(
+        f"edge-replay: {east_log}: followed 'go_east:GoEast', code that no log can make run"
     )
-    objectives = tmp_path / "east.toml"
-    objectives.write_text('[[objectives]]\ntype = "go_east:GoEast"\npull = 0.1\n')
-    (path,) = record(tmp_path / "logs", "--objectives", str(objectives))
-    assert main([str(path)]) == 0
-    assert {tick.action.costs for tick in ticks(path)} == {(0.1,)}
+    assert "name it with --own go_east:GoEast" in complaint
+    assert complaint.count("\n") == 1
+    assert report(["-o", str(tmp_path / "page.html"), str(east_log)]) == 0
+    animate_run(LogReport(str(east_log), 1, 60, 0, ""), tmp_path / "run.gif")
+    assert imports(tmp_path) == 1
 
 
-def test_how_far_preferences_reached_is_recorded_and_repeated(tmp_path):
+def test_an_own_objective_that_the_user_names(tmp_path, east_log, monkeypatch):
+    forget("go_east")
+    monkeypatch.chdir(tmp_path)
+    assert main([str(east_log), "--own", "go_east:GoEast"]) == 0
+    assert imports(tmp_path) == 2
+    assert {tick.action.costs for tick in ticks(east_log)} == {(0.1,)}
+
+
+def test_an_own_objective_that_the_users_fleet_file_names(tmp_path, east_log):
+    forget("go_east")
+    fleet = tmp_path / "fleet.toml"
+    robots = "[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n"
+    fleet.write_text(robots + (tmp_path / "east.toml").read_text())
+    assert main([str(east_log), "--fleet", str(fleet)]) == 0
+
+
+@pytest.mark.parametrize("name", ["go_west:GoWest", "go_west", "os:getcwd", "math:", ":x"])
+def test_own_objectives_that_are_none(east_log, capsys, name):
+    assert main([str(east_log), "--own", name]) == 2
+    assert capsys.readouterr().err.startswith(f"edge-replay: --own {name}: ")
+
+
+def test_how_far_preferences_reached_is_recorded_and_repeated(tmp_path, monkeypatch):
     (tmp_path / "wish_east.py").write_text(
         "from typing import ClassVar\n"
         "from edge_runtime.objectives import Objective, Slope\n"
@@ -168,7 +233,8 @@ def test_how_far_preferences_reached_is_recorded_and_repeated(tmp_path):
     assert {tick.action.correction for tick in ticks(path)} != {(0.0, 0.0)}
     for tick in ticks(path):
         assert math.hypot(*tick.action.correction) == pytest.approx(0.125)
-    assert main([str(path)]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert main([str(path), "--own", "wish_east:WishEast"]) == 0
 
 
 def test_unguided_runs_are_repeated(tmp_path):

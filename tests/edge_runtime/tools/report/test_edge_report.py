@@ -1,15 +1,21 @@
 """edge-report on logs of real runs: what they say is on the page, what is wrong with them is said."""
 
 import dataclasses
+import json
 import re
 
+import foreign_logs
 import msgspec
 import numpy as np
 import pytest
 from report_files import record
 
+from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import Tick
+from edge_runtime.recording.wire import LogReport
+from edge_runtime.tools.replay.edge_replay import main as replay
+from edge_runtime.tools.report.animate import animate_run
 from edge_runtime.tools.report.digest import STAGES, digest
 from edge_runtime.tools.report.edge_report import main
 from edge_runtime.tools.report.sections import _verdicts
@@ -96,7 +102,7 @@ def test_what_does_not_hold_together_is_one_line(log, tmp_path, capsys):
     assert "is no report of this version's edge-sil" in refused(capsys, tmp_path / "junk.json", "-o", page)
     assert "No such file" in refused(capsys, tmp_path / "none.mcap", "-o", page)
     assert "cannot be written" in refused(capsys, log, "-o", tmp_path / "no" / "page.html")
-    assert "is one of the logs" in refused(capsys, log, "-o", log)
+    assert "would overwrite a file that is read" in refused(capsys, log, "-o", log)
     assert "see edge-report --help" in refused(capsys, log)
 
 
@@ -128,3 +134,56 @@ def test_each_stretch_is_judged_by_its_own_limits_once_the_team_has_braked(run):
         (verdict,) = [v for v in _verdicts(team_of([changed])) if v.name == "Greatest speed"]
         assert verdict.good is kept
         assert verdict.detail == ("speed limit 0.3 m/s" if kept else "speed limit 0.1 m/s")
+
+
+def test_a_robot_that_never_had_a_pose(log, tmp_path, capsys):
+    """It made no decision, and followed no objectives yet."""
+    kept = [
+        (topic, content)
+        for topic, content in foreign_logs.messages_of(log)
+        if topic in ("/start", "/events", "/end")
+    ]
+    poor = foreign_logs.write(tmp_path / "poor.mcap", kept)
+    assert main([str(poor), "-o", str(tmp_path / "page.html")]) == 0
+    assert "Run of 0 robots" in (tmp_path / "page.html").read_text()
+    assert capsys.readouterr().err == ""
+
+
+HOSTILE = "nav \x1b]0;all is well\x07\r\n$\\frac{$ \u202e <script>alert(1)</script>"
+
+
+def test_names_that_are_commands_to_a_terminal_a_page_or_a_formula(log, tmp_path, capsys):
+    def rename(content):
+        for field in ("name", "mode", "message", "stop_reason", "host", "fault"):
+            content = re.sub(
+                rf'"{field}":"[^"]*"', lambda _, f=field: f'"{f}":{json.dumps(HOSTILE)}', content
+            )
+        return content
+
+    messages = [
+        (topic, rename(content.decode()).encode()) for topic, content in foreign_logs.messages_of(log)
+    ]
+    named = foreign_logs.write(tmp_path / "named_000.mcap", messages)
+    assert main([str(named), "-o", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text()
+    assert not {letter for letter in page if not (letter.isprintable() or letter == "\n")}
+    assert "<script>" not in page
+    assert "nav ?]0;all is well???$" in page
+    animate_run(LogReport(str(named), 1, 100, 0, ""), tmp_path / "run.gif")
+    replay([str(named), "--policy", str(log.parent / "straight")])
+    said = capsys.readouterr()
+    assert (said.out + said.err).replace("\n", "").isprintable()
+
+
+def test_a_disk_that_is_full(log, tmp_path, capsys):
+    for name in ("page.html", "run.gif", "what.png"):
+        (tmp_path / name).symlink_to("/dev/full")
+    page, picture = tmp_path / "page.html", tmp_path / "what.png"
+    full = "cannot be written (No space left on device)"
+    assert refused(capsys, log, "-o", page) == f"edge-report: {page}: {full}"
+    with pytest.raises(ConfigError, match=r"run\.gif: cannot be written \(.*No space left on device\)$"):
+        animate_run(LogReport(str(log), 1, 100, 0, ""), tmp_path / "run.gif")
+    (tmp_path / "none.toml").write_text("")
+    flags = ["--policy", str(log.parent / "straight"), "--objectives", str(tmp_path / "none.toml")]
+    assert replay([str(log), *flags, "-o", str(picture)]) == 2
+    assert capsys.readouterr().err == f"edge-replay: -o {picture}: {full}\n"

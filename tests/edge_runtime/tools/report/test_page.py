@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge_runtime.common.command_line import check_writable
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page.document import (
     Facts,
@@ -18,7 +19,6 @@ from edge_runtime.tools.report.page.document import (
     Section,
     Table,
     Verdict,
-    check_writable,
     render,
 )
 
