@@ -70,7 +70,7 @@ def play(
         watch: looks on.
     """
     count, robots, draw = world.environments, world.facts.robots, np.random.default_rng(seed)
-    neighbourhood, decide = Neighbourhood(count, robots, setting, draw), make_decide(count * robots)
+    neighbourhood, decide = Neighbourhood(setting, draw), make_decide(count * robots)
     low, high = ([getattr(field, end) for field in world.facts.action] for end in ("low", "high"))
     action = np.zeros((count, robots, 2))
     for _ in range(steps):

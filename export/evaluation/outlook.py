@@ -29,6 +29,19 @@ class TeamBatch:
     mate_action: Floats
     """(B, K, 2), the teammates' intended actions."""
 
+    @classmethod
+    def of_teams(cls, position_m: Floats, velocity_m_s: Floats, action: Floats) -> "TeamBatch":
+        """Return the views of all robots of E teams of N, (E, N, 2) each: B = E N, K = N - 1."""
+        teams, robots, _ = position_m.shape
+        others = [[mate for mate in range(robots) if mate != own] for own in range(robots)]
+        mates = np.array(others, np.int64).reshape(robots, robots - 1)
+        shape = (teams * robots, robots - 1, 2)
+        seen = (values[:, mates].reshape(shape) for values in (position_m, velocity_m_s, action))
+        own = np.tile(np.arange(robots), teams)
+        return cls(
+            own, position_m.reshape(-1, 2), velocity_m_s.reshape(-1, 2), np.tile(mates, (teams, 1)), *seen
+        )
+
 
 @dataclass(frozen=True)
 class OutlookBatch:

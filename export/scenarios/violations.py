@@ -4,7 +4,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from edge_runtime.common.arrays import Floats
 from edge_runtime.motion.dynamics import Dynamics, Preview
 from edge_runtime.objectives import Objective
 from export.evaluation.objectives import evaluate_batch
@@ -28,7 +27,8 @@ def violations(
     Returns:
         (B, N, M) in [0, 1).
     """
-    team = _views(position.double().cpu().numpy(), velocity.double().cpu().numpy())
+    motion = [values.double().cpu().numpy() for values in (position, velocity)]
+    team = TeamBatch.of_teams(*motion, np.zeros_like(motion[0]))
     costs = []
     for objective in objectives:
         outlook = look_ahead_batch(team, _standing(dynamics.preview(objective.look_ahead)))
@@ -40,19 +40,3 @@ def violations(
 def _standing(ahead: Preview) -> Preview:
     """A preview that leaves everybody where they are, with the gains that scale the costs."""
     return Preview(1.0, ahead.velocity_gain, 0.0, ahead.position_gain)
-
-
-def _views(position: Floats, velocity: Floats) -> TeamBatch:
-    """All B N robots' views of their whole teams, (B, N, 2) each."""
-    teams, robots, _ = position.shape
-    mates = np.array([[mate for mate in range(robots) if mate != own] for own in range(robots)])
-    shape = (teams * robots, robots - 1, 2)
-    return TeamBatch(
-        robot_id=np.tile(np.arange(robots), teams),
-        position_m=position.reshape(-1, 2),
-        velocity_m_s=velocity.reshape(-1, 2),
-        mate_id=np.tile(mates, (teams, 1)),
-        mate_position_m=position[:, mates].reshape(shape),
-        mate_velocity_m_s=velocity[:, mates].reshape(shape),
-        mate_action=np.zeros(shape),
-    )

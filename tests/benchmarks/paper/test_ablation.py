@@ -117,7 +117,7 @@ def test_priorities_can_be_levelled_either_way():
 def test_unknown_intentions_are_zero():
     where = np.random.default_rng(0).uniform(-0.4, 0.4, (3, 3, 4, 2))
     told, untold = (
-        Neighbourhood(3, 4, Setting(episodes=3, episodes_seed=0, intentions=told), None).views(*where)
+        Neighbourhood(Setting(episodes=3, episodes_seed=0, intentions=told), None).views(*where)
         for told in (True, False)
     )
     assert told.mate_action.any()

@@ -142,13 +142,12 @@ def test_sampling_sums_up_samples_fence_and_cluster():
     assert judge.outcome().first[0] == pytest.approx(1 / 3)
 
 
-def neighbourhood(episodes, robots, **heard):
-    setting = Setting(episodes=episodes, episodes_seed=0, **heard)
-    return Neighbourhood(episodes, robots, setting, np.random.default_rng(0))
+def neighbourhood(**heard):
+    return Neighbourhood(Setting(episodes=1, episodes_seed=0, **heard), np.random.default_rng(0))
 
 
 def views(position, velocity, **heard):
-    hood = neighbourhood(*position.shape[:2], **heard)
+    hood = neighbourhood(**heard)
     return hood.views(position, velocity, np.zeros_like(position))
 
 
@@ -159,7 +158,7 @@ def test_robots_hear_of_their_nearest_neighbours_only():
 
 
 def test_a_lost_message_leaves_what_was_heard_last():
-    hood = neighbourhood(1, 2, loss=1.0)
+    hood = neighbourhood(loss=1.0)
     still = np.zeros((1, 2, 2))
     hood.views(line(0.0, 1.0), still, still)
     later = hood.views(line(5.0, 6.0), still, still)
