@@ -146,7 +146,7 @@ def _objectives(team: TeamDigest) -> list[Item]:
         kept.append("conflicts between objectives")
     if kept:
         items.append(Note(f"0 in every tick: {', '.join(kept)}."))
-    return [*items, _steering(team)]
+    return [*items, _objectives_in_force(team)]
 
 
 def _shares(conflicts: dict[str, Floats]) -> dict[str, float]:
@@ -157,7 +157,7 @@ def _shares(conflicts: dict[str, Floats]) -> dict[str, float]:
     }
 
 
-def _steering(team: TeamDigest) -> Table:
+def _objectives_in_force(team: TeamDigest) -> Table:
     rows = [
         (
             _name(run),
