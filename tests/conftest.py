@@ -15,6 +15,9 @@ from edge_runtime.policy.weights import FlowWeights
 
 # A million cases of each property: pytest -k junk --hypothesis-profile=fuzz
 settings.register_profile("fuzz", max_examples=1_000_000, deadline=None)
+# However long a case takes on a busy machine, it proves what it proves.
+settings.register_profile("patient", deadline=None)
+settings.load_profile("patient")
 
 
 if importlib.util.find_spec("torch") is None:
