@@ -10,6 +10,7 @@ COMMANDS = {
     "ablation": "benchmarks.paper.ablation.ablation_command",
     "calibration": "benchmarks.paper.calibration",
     "curves": "benchmarks.paper.curves",
+    "failsafe": "benchmarks.faults.failsafe",
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
     "modes": "benchmarks.paper.modes.modes_command",

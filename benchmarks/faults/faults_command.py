@@ -1,7 +1,7 @@
 """``python -m benchmarks faults``: how fast the robot is stopped, and what never reaches it.
 
 Runtime and guard are processes of their own, the firmware is this one: a chassis on a UDP multicast CAN bus,
-a rover on a UDP socket, both on a plane on which they brake with 1 m/s^2. Times are the kernel's stamps of
+a rover on a UDP socket, on a plane on which they brake with 2 and 1 m/s^2. Times are the kernel's stamps of
 arrival at the firmware. The bus-off is an error frame put on the multicast bus; the tests on SocketCAN cause
 one in a kernel. Rows of the file that are not measured again stay as they are.
 """

@@ -48,9 +48,11 @@ Self = TypeVar("Self", bound="Robot")
 
 
 class Robot(abc.ABC):
-    """One robot on an empty plane, which brakes as hard as the packaged policy's own, and without drag."""
+    """One robot on an empty plane, without drag."""
 
     name: ClassVar[str]
+    braking_m_s2: ClassVar[float]
+    """With what its plant speeds up and slows down at most."""
 
     def __init__(self, firmware: Firmware[Any], wire: Wire[Any]) -> None:
         self.firmware = firmware
@@ -58,7 +60,9 @@ class Robot(abc.ABC):
         firmware.on_command = self.heard.append
         manifest = packaged_bundle("navigation").manifest
         dynamics = msgspec.structs.replace(manifest.dynamics, drag=0.0)
-        manifest = msgspec.structs.replace(manifest, dynamics=dynamics)
+        most_n = self.braking_m_s2 * dynamics.mass_kg
+        action = tuple(msgspec.structs.replace(one, low=-most_n, high=most_n) for one in manifest.action)
+        manifest = msgspec.structs.replace(manifest, dynamics=dynamics, action=action)
         self._world = World([manifest], [(0.0, 0.0)], [0.0], ahead_m(self.name), STEP_S)
         self._node = FirmwareNode(firmware, wire)
         self._loop = FirmwareLoop(self._world, [self._node])
@@ -130,6 +134,8 @@ class CanRobot(Robot):
     """An AgileX chassis on a UDP multicast bus."""
 
     name = "can"
+    braking_m_s2 = 2.0
+    """As its profile has it."""
 
     def __init__(self) -> None:
         self._address = multicast_bus(free_ports(1)[0])
@@ -154,6 +160,8 @@ class MavlinkRobot(Robot):
     """An ArduPilot Rover at a UDP port."""
 
     name = "mavlink"
+    braking_m_s2 = 1.0
+    """As the packaged policy's actions have it."""
     firmware: Autopilot
 
     def __init__(self, signing_key: Path | None = None) -> None:

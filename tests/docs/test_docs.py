@@ -14,6 +14,7 @@ from doc_pages import PAGES, ROOT, blocks, commands, program
 from edge_runtime.common.commands import COMMANDS
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set
+from edge_runtime.errors import ConfigError
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import check_gradient
 from firmware_bridge.can.profile import PROFILES as CAN_PROFILES
@@ -117,3 +118,19 @@ def test_the_service_neither_arms_nor_restarts_by_itself():
     text = (ROOT / "edge_runtime" / "systemd" / "edge-run@.service").read_text()
     assert "--arm" not in text
     assert "Restart=no" in text
+
+
+def test_the_table_of_faults_is_what_its_command_writes(tmp_path):
+    pytest.importorskip("rich", reason="a robot's environment has no benchmarks")
+    failsafe = importlib.import_module("benchmarks.faults.failsafe")
+    page = tmp_path / "limits.md"
+    page.write_text(f"above\n{failsafe.BEGIN}an older table\n{failsafe.END}\nbelow\n")
+    assert failsafe.main(["--page", str(page)]) == 0
+    written = page.read_text()
+    assert written.startswith("above\n") and written.endswith("\nbelow\n") and "older" not in written
+    _, begin, rest = failsafe.PAGE.read_text().partition(failsafe.BEGIN)
+    table, end, _ = rest.partition(failsafe.END)
+    assert f"above\n{begin}{table}{end}\nbelow\n" == written
+    page.write_text("no table\n")
+    with pytest.raises(ConfigError, match="has no lines"):
+        failsafe.main(["--page", str(page)])

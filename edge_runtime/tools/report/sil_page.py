@@ -12,7 +12,7 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
-from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport, describe_stop
 
 LARGEST_REPORT: Final = 1 << 24
 """Bytes."""
@@ -135,12 +135,18 @@ def _faults(report: SilReport) -> list[Item]:
     marks = [(rows[0], fault.at_s, fault.kind) for fault in report.faults] if rows else []
     drawn = chart.timeline(rows, halts, marks, report.duration_s)
     table = [
-        (f"{fault.at_s:.2f}", "-" if fault.for_s is None else f"{fault.for_s:.2f}", fault.kind, fault.details)
+        (
+            f"{fault.at_s:.2f}",
+            "-" if fault.for_s is None else f"{fault.for_s:.2f}",
+            fault.kind,
+            fault.details,
+            "; ".join(map(describe_stop, fault.stops)),
+        )
         for fault in report.faults
     ]
     caption = "When each robot was told to rest or told nothing; faults are marked on the first row."
     items: list[Item] = [Figure(drawn, caption)]
-    return [*items, Table(("at s", "for s", "fault", "details"), table)] if table else items
+    return [*items, Table(("at s", "for s", "fault", "details", "stopped"), table)] if table else items
 
 
 def _counts(robots: Sequence[RobotQuality]) -> list[Item]:

@@ -24,10 +24,12 @@ from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.autopilot import Autopilot
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.record import NodeRecord, NodeRecorder, Pace
+from firmware_bridge.sil.firmware.stops import Stops
 from firmware_bridge.sil.firmware.truth import RobotOutcome, Truth
 from firmware_bridge.sil.firmware.wires import CanWire, UdpWire
 from firmware_bridge.sil.firmware.world import World
 from firmware_bridge.sil.measurement.samples import Samples
+from firmware_bridge.sil.report.records import FaultStop
 from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, NanPose, StalePose
 from firmware_bridge.sil.scenario.scenario import Station, robot_bundle
 from firmware_bridge.sil.scenario.start_gate import RunStart
@@ -59,6 +61,8 @@ class WorldRecord(msgspec.Struct, frozen=True):
 
     nodes: tuple[NodeRecord, ...]
     outcomes: tuple[RobotOutcome, ...]
+    stops: tuple[tuple[FaultStop, ...], ...]
+    """After each fault of the timeline, of the robots that it was to stop."""
     late_s: list[float]
     """How late each step of the plant was, from the beginning of the measurement."""
 
@@ -75,6 +79,7 @@ class WorldProcess:
         world = World(manifests, starts, headings, spec.ahead_m, STEP_S)
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
+        self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
         nodes = [make_node(spec.bridge, station.wire) for station in spec.stations]
         self._firmware = {s.robot_id: node.firmware for s, node in zip(spec.stations, nodes, strict=True)}
         for firmware in self._firmware.values():
@@ -97,7 +102,7 @@ class WorldProcess:
     def record(self) -> WorldRecord:
         """Return everything so far."""
         nodes = tuple(recorder.record() for recorder in self._recorders)
-        return WorldRecord(nodes, self._truth.outcomes(), self._late_s.tolist())
+        return WorldRecord(nodes, self._truth.outcomes(), self._stops.stops(), self._late_s.tolist())
 
     def _hear(self) -> None:
         """Take the harness's lines; with the first, let the robots know where they are."""
@@ -115,6 +120,7 @@ class WorldProcess:
             self._mind_faults(now_s - self._t0_s)
         if self._t0_s <= now_s < self._t0_s + self._spec.duration_s:
             self._truth.follow()
+            self._stops.follow(now_s - self._t0_s)
         drive = self._lines >= 2 and all(one.obeyed >= SETPOINTS for one in self._firmware.values())
         if drive and self._t0_s == float("inf"):
             self._t0_s = now_s + SETTLING_S

@@ -184,6 +184,7 @@ def _faults(scenario: Scenario, recording: Recording) -> tuple[FaultDone, ...]:
             for_s=fault.for_s if isinstance(fault, Lasting) else None,
             details=msgspec.json.encode(fault).decode(),
             done_s=recording.done_s.get(index),
+            stops=recording.world.stops[index],
         )
         for index, fault in enumerate(scenario.faults)
     )

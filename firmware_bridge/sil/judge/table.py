@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from edge_runtime.common.printable import printed
 from edge_runtime.control.rate import Percentiles
-from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import FaultDone, Quality, RobotQuality, SilReport, describe_stop
 
 _COLOURS = {"passed": 32, "failed": 31, "invalid": 33}
 
@@ -74,8 +74,12 @@ def _notes(report: SilReport) -> list[str]:
         f"others took {machine.others_cpu_cores:.2f} cores"
     ]
     lines.append(f"misses: {_misses(report.robots)}")
-    lines += [f"fault: {fault.details}" for fault in report.faults]
+    lines += [f"fault: {fault.details}{_stops(fault)}" for fault in report.faults]
     return lines
+
+
+def _stops(fault: FaultDone) -> str:
+    return "".join(f"; {told}" for told in map(describe_stop, fault.stops))
 
 
 def _misses(robots: Sequence[RobotQuality]) -> str:

@@ -104,6 +104,23 @@ class MachineQuality(msgspec.Struct, frozen=True, kw_only=True):
     """Taken by processes other than the run's, and stolen."""
 
 
+class FaultStop(msgspec.Struct, frozen=True):
+    """How one robot came to rest after a fault."""
+
+    robot_id: int
+    seconds: float | None
+    """From the fault to rest; None if it never rested."""
+    metres: float
+    """Way travelled meanwhile."""
+
+
+def describe_stop(stop: FaultStop) -> str:
+    """Say it in a few words."""
+    if stop.seconds is None:
+        return f"robot {stop.robot_id} never rested"
+    return f"robot {stop.robot_id} at rest after {stop.seconds:.2f} s and {stop.metres:.2f} m"
+
+
 class FaultDone(msgspec.Struct, frozen=True, kw_only=True):
     """One line of the timeline, as it was done."""
 
@@ -114,6 +131,8 @@ class FaultDone(msgspec.Struct, frozen=True, kw_only=True):
     """The line of the file, as JSON."""
     done_s: float | None
     """When the harness did it; None where a process of its own followed the timeline by itself."""
+    stops: tuple[FaultStop, ...] = ()
+    """Of the robots that it was to stop."""
 
 
 class SilReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
@@ -13,7 +13,7 @@ from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
 
 REACTION = Reaction(0.06, 0.5, 2.0)
-STEP_S = 1e-4
+STEP_S = 1e-3
 
 
 def mission(*objectives, guided=True, **robot):
@@ -24,6 +24,7 @@ def mission(*objectives, guided=True, **robot):
     return Mission(0, fleet, packaged_bundle("navigation"), asked, 50.0, guided=guided)
 
 
+@settings(deadline=None, max_examples=30)
 @given(
     speed=st.floats(0.0, 2.0),
     deceleration=st.floats(0.5, 5.0),

@@ -177,6 +177,10 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
     assert "guard ended" in robots[1]["stop_reason"]
     assert robots[1]["firmware_timeouts"] == 1  # nobody was left to stop it but its own firmware
     assert report["ended"] == []
+    stops = {(fault["kind"], one["robot_id"]): one for fault in report["faults"] for one in fault["stops"]}
+    assert stops["kill", 1]["seconds"] > 0.3  # the firmware's timeout, from its last command on
+    assert stops["kill", 2]["metres"] >= 0.0 and stops["corrupt_frames", 0]["seconds"] is not None
+    assert "robot 1 at rest after" in done.stdout
     names = {process["name"] for process in report["processes"]}
     assert {"world", "probe", "relay", "robot_3", "robot_3/guard", "harness"} <= names
     assert any(name.startswith("hog_") for name in names)

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
 from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
+from firmware_bridge.sil.firmware.stops import Stops
 from firmware_bridge.sil.firmware.truth import Truth
 from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.scenario.faults import Blackout, Kill, Loss
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.simulation.plant import Plant, contact_forces
 
@@ -110,6 +112,28 @@ def test_objectives_are_judged_by_the_truth():
     truth.follow()
     assert [one.violated_s for one in truth.outcomes()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
     assert truth.outcomes()[0].greatest_speed_m_s == pytest.approx(0.3)
+
+
+def test_every_fault_has_its_way_to_rest():
+    """Robot 7 is told to stop half a second after its guard died; robot 3 never is."""
+    faults = (
+        Kill(at_s=1.0, robot=7, part="guard"),
+        Loss(at_s=0.0, for_s=9.0, share=0.5),
+        Kill(at_s=1.0, robot=3),
+    )
+    world = make((0.0, 0.0), (0.0, 5.0))
+    stops = Stops(world, (7, 3), (*faults, Blackout(at_s=8.0, for_s=1.0)), PERIOD_S)
+    at_m = {}
+    for step in range(400):
+        time_s = step * PERIOD_S
+        world.step([(0.2 * (time_s < 1.5), 0.0), (0.2, 0.0)])
+        stops.follow(time_s)
+        at_m[step] = float(world.position_m[0, 0])
+    (guard,), nobody, (runtime,), dark = stops.stops()
+    assert (guard.robot_id, runtime.robot_id, nobody) == (7, 3, ())
+    assert 0.5 < guard.seconds < 1.0 and runtime.seconds is None
+    assert guard.metres == pytest.approx(at_m[399] - at_m[99], abs=1e-3)
+    assert [(one.robot_id, one.seconds, one.metres) for one in dark] == [(7, None, 0.0), (3, None, 0.0)]
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3, 4, 8, 12, 16, 32, 64])
