@@ -1,7 +1,5 @@
 """Checks of an autopilot before a run: what it says of itself. No heartbeat, setpoint or interval is sent."""
 
-import select
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -15,36 +13,14 @@ from edge_runtime.errors import EdgeError
 from firmware_bridge.guard.diagnostics import firmware_timeout, stopping_distances
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
-from firmware_bridge.mavlink.channel import Channel
-from firmware_bridge.mavlink.engagement import LISTENING_S
-from firmware_bridge.mavlink.facts import Facts
-from firmware_bridge.mavlink.messages import Command, Heartbeat
+from firmware_bridge.mavlink.conversation import LISTEN_S, Heard, listen
+from firmware_bridge.mavlink.messages import Heartbeat
 from firmware_bridge.mavlink.opening import deafness, silence
 from firmware_bridge.mavlink.options import MavlinkOptions
+from firmware_bridge.mavlink.pose_rate import longest_pose_s
 from firmware_bridge.mavlink.profiles import AUTOPILOTS, COPTERS, ROVERS, Mode, Profile, find_profile
 from firmware_bridge.mavlink.readiness import GROUNDED, rivalry
-from firmware_bridge.mavlink.streams import (
-    ATTITUDE,
-    EXTENDED_SYS_STATE,
-    GPS_RAW_INT,
-    LOCAL_POSITION_NED,
-    fastest_us,
-    longest_pose_s,
-)
-
-LISTEN_S = 5.0
-"""Heartbeats come every second; a bad radio needs a few, and as long for the answers."""
-ASK_AGAIN_S = 0.4
-_REQUEST_MESSAGE = 512
-
-
-class Heard:
-    """What an autopilot said within a bounded time."""
-
-    def __init__(self, channel: Channel, facts: Facts) -> None:
-        self.channel = channel
-        self.facts = facts
-        self.now_s = 0.0
+from firmware_bridge.mavlink.streams import fastest_us
 
 
 def examine_link(mission: Mission, options: MavlinkFlags) -> Iterator[Finding]:
@@ -103,47 +79,6 @@ def signing(flags: MavlinkFlags) -> Finding:
     return warn("off: whoever reaches this network can command the robot", remedy)
 
 
-def listen(options: MavlinkOptions, longest_s: float = LISTEN_S) -> Heard:
-    """Wait for a heartbeat and for the answers to what a run must know.
-
-    Asks for parameters, for the time and for single messages, which changes nothing; an autopilot behind
-    ``udpout`` learns from that where to send.
-
-    Raises:
-        EdgeError: if key or port cannot be used, or the port is lost.
-    """
-    channel = Channel(options)
-    heard = Heard(channel, Facts(find_profile(options.autopilot), options, 0, 0.0))
-    channel.open()
-    try:
-        _converse(heard, find_profile(options.autopilot), longest_s)
-    finally:
-        channel.close()
-    return heard
-
-
-def _converse(heard: Heard, profile: Profile, longest_s: float) -> None:
-    channel, told = heard.channel, heard.facts
-    wanted = (ATTITUDE, LOCAL_POSITION_NED, profile.estimator_message, GPS_RAW_INT, EXTENDED_SYS_STATE)
-    heard.now_s = begin_s = ask_s = time.monotonic()
-    end_s = begin_s + longest_s
-    while heard.now_s < end_s and not (_complete(told) and heard.now_s - begin_s >= LISTENING_S):
-        if heard.now_s >= ask_s:
-            requests = [Command(_REQUEST_MESSAGE, (float(message),)) for message in wanted]
-            for question in (*told.questions(heard.now_s), *requests):
-                channel.send(question, heard.now_s)
-            ask_s = heard.now_s + ASK_AGAIN_S
-        select.select(channel.filenos(), (), (), max(min(ask_s, end_s) - heard.now_s, 0.0))
-        heard.now_s = time.monotonic()
-        for content in channel.receive():
-            told.take(content, heard.now_s)
-
-
-def _complete(told: Facts) -> bool:
-    known = told.vehicle.heartbeat is not None and told.explained and told.estimate.state is not None
-    return known and told.soundness.told
-
-
 def autopilot(heard: Heard, options: MavlinkOptions) -> Finding:
     """Whether the autopilot is there, alone, and what else came in its place."""
     channel, tally = heard.channel, heard.channel.tally
@@ -191,7 +126,7 @@ def timeout(heard: Heard, flags: MavlinkFlags, profile: Profile) -> Finding:
     """Whether the autopilot stops by itself soon enough."""
     name = profile.timeout_parameter
     fixed = profile.fixed_timeout_s is not None and not heard.facts.answered(name)
-    source = f"fixed in the firmware, it has no {name}" if fixed else f"as the autopilot answers for {name}"
+    source = f"the firmware's own, it tells no {name}" if fixed else f"as the autopilot answers for {name}"
     remedy = "install guided_timeout.lua on the autopilot" if fixed else f"set {name}"
     unsafe = flags.guard.allow_unsafe_firmware_timeout
     return firmware_timeout(heard.facts.timeout_s, source, allow_unsafe=unsafe, remedy=remedy)

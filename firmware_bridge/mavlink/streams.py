@@ -1,4 +1,4 @@
-"""The messages that an autopilot is asked to send: what it grants, how often the pose comes, what was before.
+"""The messages that an autopilot is asked to send: what it grants, what is late, what was before.
 
 Sources: MAVLink's ``common`` message set (SET_MESSAGE_INTERVAL, MESSAGE_INTERVAL); ArduPilot 4.6's
 GCS_MAVLink/GCS_Common.cpp: an interval under 1.25 loop periods is denied (before, it was lengthened without a
@@ -23,13 +23,9 @@ from firmware_bridge.mavlink.messages import (
     MessageInterval,
     Odometry,
 )
+from firmware_bridge.mavlink.pose_rate import WATCH_S, PoseRate
 from firmware_bridge.mavlink.profiles import Profile
 
-LONGEST_POSE_PERIODS: Final = 3
-LONGEST_POSE_S: Final = 0.1
-"""A pose may come this seldom, in control periods and in seconds: no robot acts on an older one."""
-WATCH_S: Final = 1.0
-"""Over which the pose's interval is taken."""
 PATIENCE_S: Final = 2.0
 """So long the pose may come too seldom while it is asked for again."""
 ASK_AGAIN_S: Final = 0.4
@@ -46,11 +42,6 @@ _ACCEPTED, _IN_PROGRESS, _UNANSWERED = 0, 5, -1
 def fastest_us(loop_rate_hz: float) -> int:
     """Return the shortest interval that ArduPilot grants: 1.25 loop periods in whole milliseconds."""
     return 1000 * math.ceil(1250.0 / loop_rate_hz)
-
-
-def longest_pose_s(period_s: float) -> float:
-    """Return the greatest interval of poses at which a control period drives."""
-    return min(LONGEST_POSE_PERIODS * period_s, LONGEST_POSE_S)
 
 
 class Streams:
@@ -76,11 +67,10 @@ class Streams:
             GpsFix: GPS_RAW_INT,
             Landed: EXTENDED_SYS_STATE,
         }
-        self._period_s, self._ask = period_s, ask
+        self._rate, self._loop_rate, self._ask = PoseRate(period_s), profile.loop_rate_parameter, ask
         self._results: dict[int, int] = {}
         self._before_us: dict[int, int] = {}
         self._heard_s: dict[int, float] = {}
-        self._poses_s: deque[float] = deque()
         self._queue: deque[int] = deque()
         self._asked_s = self._again_s = self._sufficed_s = -math.inf
         self._settled_s = math.inf
@@ -95,28 +85,18 @@ class Streams:
         """Whether the poses' interval is known since the autopilot has answered."""
         return now_s - self._settled_s >= WATCH_S
 
-    def interval_s(self, now_s: float) -> float:
-        """Return the interval at which poses come, infinite before the second."""
-        if len(self._poses_s) < 2:
-            return math.inf
-        first_s, last_s = self._poses_s[0], self._poses_s[-1]
-        return max((last_s - first_s) / (len(self._poses_s) - 1), now_s - last_s)
-
     def shortfall(self, now_s: float) -> str:
         """Say what the poses' interval is and what the control rate asks for; empty where it suffices."""
-        interval_s, longest_s = self.interval_s(now_s), longest_pose_s(self._period_s)
-        if interval_s <= longest_s:
+        if self._rate.suffices(now_s):
             return ""
-        seen = f"every {1e3 * interval_s:.0f} ms" if interval_s < math.inf else "not even once a second"
         result = self._results.get(LOCAL_POSITION_NED, _UNANSWERED)
-        answer = {_ACCEPTED: "granted", _UNANSWERED: "asked for"}.get(
-            result, f"refused (MAV_RESULT {result})"
-        )
+        answers = {_ACCEPTED: "granted", _UNANSWERED: "asked for"}
+        answer = answers.get(result, f"refused with MAV_RESULT {result}")
         wanted_ms = 1e-3 * self._wanted_us[LOCAL_POSITION_NED]
+        faster = f"raise {self._loop_rate}, " if self._loop_rate else ""
         return (
-            f"the autopilot sends its pose {seen} ({wanted_ms:g} ms {answer}), "
-            f"but --rate {1.0 / self._period_s:g} needs one every {1e3 * longest_s:.0f} ms: "
-            "lower --rate, raise SCHED_LOOP_RATE, or keep other stations off this link"
+            f"{self._rate.shortfall(now_s)} ({wanted_ms:g} ms {answer}): "
+            f"lower --rate, {faster}or keep other stations off this link"
         )
 
     def grant(self, loop_rate_hz: float) -> None:
@@ -150,13 +130,14 @@ class Streams:
                     self._settle(result, now_s)
                     self.advance(now_s)
             case LocalPosition() | Odometry():
-                self._on_pose(now_s)
+                self._heard_s[LOCAL_POSITION_NED] = now_s
+                self._rate.hear(now_s)
             case _ if type(content) in self._numbers:
                 self._heard_s[self._numbers[type(content)]] = now_s
 
     def watch(self, now_s: float) -> None:
         """Ask again for what comes too seldom, and take note if that does not help."""
-        if self.interval_s(now_s) <= longest_pose_s(self._period_s):
+        if self._rate.suffices(now_s):
             self._sufficed_s, self.fault = now_s, ""
         elif now_s - max(self._sufficed_s, self._settled_s) > PATIENCE_S:
             self.fault = self.shortfall(now_s)
@@ -170,12 +151,6 @@ class Streams:
         """Set what was asked for to the intervals of before, or the autopilot's own where it told none."""
         for message in self._results:
             self._ask(Command(SET_INTERVAL, (float(message), float(self._before_us.get(message, 0)))))
-
-    def _on_pose(self, now_s: float) -> None:
-        self._heard_s[LOCAL_POSITION_NED] = now_s
-        self._poses_s.append(now_s)
-        while len(self._poses_s) > 2 and now_s - self._poses_s[1] > WATCH_S:
-            self._poses_s.popleft()
 
     def _ask_for(self, message: int) -> None:
         if message not in self._results:

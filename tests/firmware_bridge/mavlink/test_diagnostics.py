@@ -5,7 +5,7 @@ from mavlink_peers import HOME, ScriptedAutopilot, Ticks, vehicle_frame
 from pymavlink.dialects.v20 import ardupilotmega as common
 
 import firmware_bridge.mavlink.channel as mavlink_channel
-import firmware_bridge.mavlink.diagnostics as diagnostics
+import firmware_bridge.mavlink.conversation as conversation
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Verdict, examine
@@ -14,7 +14,7 @@ from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.guard.spec import GuardFlags
 from firmware_bridge.mavlink.bridge import MavlinkFlags
-from firmware_bridge.mavlink.diagnostics import autopilot, examine_link, listen, mode, signing
+from firmware_bridge.mavlink.diagnostics import autopilot, examine_link, mode, signing
 from firmware_bridge.mavlink.messages import Heartbeat
 from firmware_bridge.mavlink.options import MavlinkOptions
 from firmware_bridge.mavlink.profiles import PROFILES
@@ -34,8 +34,9 @@ def beat(mode, armed):
 
 @pytest.fixture(autouse=True)
 def _no_time_for_others(monkeypatch):
-    """Others on the link speak at once or never."""
-    monkeypatch.setattr(diagnostics, "LISTENING_S", 0.0)
+    """What is on the link speaks at once or never."""
+    monkeypatch.setattr(conversation, "LISTENING_S", 0.0)
+    monkeypatch.setattr(conversation, "LISTEN_S", 1.0)
 
 
 @pytest.fixture
@@ -68,10 +69,10 @@ def key(tmp_path):
     return path
 
 
-def hear(profile="px4", longest_s=0.1, signing_key=""):
+def hear(profile="px4", signing_key=""):
     dynamics = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.05)
     options = MavlinkOptions(profile, FLAGS.address, dynamics, signing_key=str(signing_key))
-    heard = listen(options, longest_s)
+    heard = conversation.listen(options)
     return heard, examine("autopilot", lambda: autopilot(heard, options))
 
 
@@ -153,7 +154,7 @@ def test_a_port_that_cannot_be_opened(mission):
 
 def test_signed_frames_are_verified(peer, key):
     peer.sign(key.read_bytes(), clock_ticks() + 1_000_000)
-    heard, found = hear(longest_s=5.0, signing_key=key)
+    heard, found = hear(signing_key=key)
     assert found.verdict is Verdict.OK
     assert heard.facts.timeout_s == 0.5
 
@@ -238,18 +239,15 @@ class TestWhatARunWouldFind:
     def test_a_vehicle_that_answers_nothing_even_under_the_flag(self, peer, mission, monkeypatch):
         """It wants signed frames: its timeout stays unknown, which the flag would let pass."""
         monkeypatch.setattr(type(peer), "send", lambda *_: None)
-        monkeypatch.setattr(diagnostics, "LISTEN_S", 0.1)
         flags = MavlinkFlags(FLAGS.address, "px4", GuardFlags(allow_unsafe_firmware_timeout=True))
         found = verdicts(findings_of(peer, mission, flags))
         assert (found["answers"], found["pose"]) == (Verdict.FAIL, Verdict.FAIL)
         assert found["firmware timeout"] is Verdict.WARN
 
-    def test_a_vehicle_without_a_position(self, peer, mission, monkeypatch):
-        monkeypatch.setattr(diagnostics, "LISTEN_S", 0.1)
+    def test_a_vehicle_without_a_position(self, peer, mission):
         assert verdicts(findings_of(peer, mission, located=False))["pose"] is Verdict.FAIL
 
-    def test_a_rovers_own_timeout_and_what_shortens_it(self, rover, mission, monkeypatch):
-        monkeypatch.setattr(diagnostics, "LISTEN_S", 0.1)
+    def test_a_rovers_own_timeout_and_what_shortens_it(self, rover, mission):
         found = findings_of(rover, mission, ROVER_FLAGS, parameters={})
         assert verdicts(found)["firmware timeout"] is Verdict.FAIL
         assert "3 s" in details(found)["firmware timeout"]
@@ -267,7 +265,6 @@ class TestWhatARunWouldFind:
         found = findings_of(peer, mission, estimator_flags=0xA7)
         assert verdicts(found)["estimator"] is Verdict.FAIL
 
-    def test_an_estimator_that_tells_nothing(self, peer, mission, monkeypatch):
-        monkeypatch.setattr(diagnostics, "LISTEN_S", 0.1)
+    def test_an_estimator_that_tells_nothing(self, peer, mission):
         peer.intervals = Intervals((HEARTBEAT, ATTITUDE, POSITION))
         assert verdicts(findings_of(peer, mission))["estimator"] is Verdict.WARN
