@@ -41,10 +41,8 @@ class PoseRate:
         """Say at which interval they come and at which they should."""
         interval_s = self._interval_s(now_s)
         seen = f"every {1e3 * interval_s:.0f} ms" if interval_s < math.inf else "not even once a second"
-        longest_ms = 1e3 * longest_pose_s(self._period_s)
-        return (
-            f"its pose comes {seen}, but --rate {1.0 / self._period_s:g} needs one every {longest_ms:.0f} ms"
-        )
+        rate_hz, longest_ms = 1.0 / self._period_s, 1e3 * longest_pose_s(self._period_s)
+        return f"its pose comes {seen}, but --rate {rate_hz:g} needs one every {longest_ms:.0f} ms"
 
     def _interval_s(self, now_s: float) -> float:
         """Return the mean interval, or the time since the last pose where that is longer."""

@@ -1,4 +1,4 @@
-"""The script that gives a Rover a command timeout, in a Lua of its own, against the functions that it uses."""
+"""The script that gives a Rover a command timeout, in a Lua of its own, with the functions it uses."""
 
 import struct
 from pathlib import Path
