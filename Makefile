@@ -37,7 +37,7 @@ unit: $(DEV)/ready
 	$(DEV)/bin/python $(PYTEST)
 
 integration: $(DEV)/ready socketcan chromium peers  ## Against a kernel, a browser, other people's code; teams
-	$(DEV)/bin/python -m pytest -m integration -n auto --dist loadfile
+	$(DEV)/bin/python -m pytest -m integration
 
 coverage: $(DEV)/ready  ## Every line and branch of the guard and both codecs is run by their own tests
 	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)

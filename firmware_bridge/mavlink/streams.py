@@ -23,7 +23,7 @@ from firmware_bridge.mavlink.messages import (
     MessageInterval,
     Odometry,
 )
-from firmware_bridge.mavlink.pose_rate import WATCH_S, PoseRate
+from firmware_bridge.mavlink.pose_rate import WATCH_S, PoseRate, longest_pose_s
 from firmware_bridge.mavlink.profiles import Profile
 
 PATIENCE_S: Final = 2.0
@@ -49,14 +49,15 @@ class Streams:
 
     Args:
         profile: names the estimator's message.
-        period_s: of control; a pose is asked for twice in it, so that none waits a whole one for its tick.
+        period_s: of control; a pose is asked for twice in it, so that none waits a whole one for its
+            tick, and more often where the period is longer than a pose may be old.
         ask: puts a command on the wire.
     """
 
     def __init__(self, profile: Profile, period_s: float, ask: Callable[[Command], None]) -> None:
         self.fault = ""
         """Why the poses do not suffice, once they have not for too long."""
-        pose_us = round(period_s * 1e6 / 2)
+        pose_us = round(1e6 * min(period_s, longest_pose_s(period_s)) / 2)
         status = (HEARTBEAT, profile.estimator_message, GPS_RAW_INT, EXTENDED_SYS_STATE)
         self._wanted_us = dict.fromkeys((LOCAL_POSITION_NED, ATTITUDE), pose_us)
         self._wanted_us.update(dict.fromkeys(status, _STATUS_US))

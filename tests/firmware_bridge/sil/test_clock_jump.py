@@ -13,6 +13,7 @@ from functools import partial
 
 import pytest
 from paths import ROOT, SUPPORT
+from quiet import on_a_quiet_machine
 from socketcan.boot import LONGEST_S, SHIM
 from waiting import HANG_S
 
@@ -65,6 +66,7 @@ def test_a_clock_of_their_own_jumps_for_processes_as_a_kernels_would(tmp_path):
 @needs_compiler
 @pytest.mark.integration
 @pytest.mark.parametrize("bridge", ["can", "mavlink"])
+@on_a_quiet_machine
 def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
     """On a busy machine a tick may be missed now and then; one a jump would be many."""
     fault = '[[fault]]\nkind = "clock_jump"\nat_s = {}\nwhole_machine = true\n'
@@ -96,6 +98,7 @@ def test_jumps_of_the_wall_clock_cost_no_ticks(tmp_path, bridge):
     not os.environ.get("CI") and not (shutil.which("linux.uml") and SHIM.is_file()),
     reason="user-mode Linux is not installed: run tests/support/socketcan/install.sh as root",
 )
+@on_a_quiet_machine
 def test_a_jump_of_the_wall_clock_leaves_the_team_alone(tmp_path):
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "clock_jump"\nat_s = 2.0\nwhole_machine = true\n'

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from quiet import on_a_quiet_machine
 from waiting import HANG_S, until
 
 import edge_runtime
@@ -146,7 +147,7 @@ def folder(tmp_path):
 
 def run(folder, *flags, faults=""):
     (folder / "faults.toml").write_text(faults)
-    flags = [*flags, "--rate", "10", "--limits", folder / "lenient.toml", "--json", folder / "run.json"]
+    flags = ["--rate", "10", *flags, "--limits", folder / "lenient.toml", "--json", folder / "run.json"]
     if faults:
         flags += ["--faults", folder / "faults.toml"]
     environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
@@ -159,7 +160,17 @@ def run(folder, *flags, faults=""):
     return done, json.loads(report) if report else None
 
 
+def test_a_team_drives_and_is_measured(folder):
+    done, report = run(folder, "--robots", "2", "--rate", "5", "--duration", "1")
+    assert (done.returncode, report["verdict"], report["ended"]) == (0, "passed", []), done.stderr
+    assert [robot["robot_id"] for robot in report["robots"]] == [0, 1]
+    assert {"world", "probe", "robot_0", "robot_1/guard", "harness"} <= {
+        process["name"] for process in report["processes"]
+    }
+
+
 @pytest.mark.integration
+@on_a_quiet_machine
 def test_a_team_on_can_through_every_fault_of_its_network(folder):
     done, report = run(folder, "--robots", "4", "--duration", "5", faults=BUS_FAULTS)
     assert done.returncode == 0, done.stderr
@@ -188,6 +199,7 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
 
 
 @pytest.mark.integration
+@on_a_quiet_machine
 def test_a_team_on_mavlink_through_faults_of_pose_and_air(folder):
     done, report = run(folder, "--robots", "3", "--bridge", "mavlink", "--duration", "8", faults=AIR_FAULTS)
     assert done.returncode == 0, done.stderr
@@ -210,10 +222,11 @@ def test_a_team_on_mavlink_through_faults_of_pose_and_air(folder):
 
 
 @pytest.mark.integration
+@on_a_quiet_machine
 def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
     key = folder / "team.key"
-    key.touch(mode=0o600)
     key.write_text("ab" * 32)
+    key.chmod(0o600)
     (folder / "team.toml").write_text("""
         [team]
         policy = "navigation"
@@ -242,6 +255,7 @@ def test_a_users_fleet_is_moved_to_this_machine_and_takes_orders(folder):
 
 
 @pytest.mark.integration
+@on_a_quiet_machine
 def test_a_team_on_zenoh_has_no_way_around_a_blackout(folder):
     pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
     write_key(folder / "team.key")
@@ -284,6 +298,7 @@ def test_a_signal_among_the_starts_ends_them(folder):
 
 @pytest.mark.integration
 @pytest.mark.parametrize("bridge", ["can", "mavlink"])
+@on_a_quiet_machine
 def test_no_robot_commands_anything_before_all_are_up(tmp_path, monkeypatch, bridge):
     """Its guard's deadline would run while its siblings, which still start, keep it from its ticks."""
     monkeypatch.setattr(harness, "APART_S", 2.5)
