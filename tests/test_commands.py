@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from paths import ROOT
@@ -135,6 +136,32 @@ def test_an_interruption_while_a_command_is_loaded_is_one_line(name):
     module = SCRIPTS[name.replace("_", "-")]
     done = subprocess.run([*script_of(name, INTERRUPT), module], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, f"{name.replace('_', '-')}: interrupted\n")
+
+
+NOBODY = """
+import os, pwd
+os.environ.pop("HOME", None)
+def unknown(*_):
+    raise KeyError("getpwuid(): uid not found")
+pwd.getpwuid = pwd.getpwnam = unknown
+"""
+
+
+def test_a_user_without_a_home_directory_has_every_command(name):
+    command = [*script_of(name, NOBODY), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert not done.stderr or done.stderr.startswith("Matplotlib ")  # on where it keeps its own files
+
+
+def test_a_run_of_a_user_without_a_home_directory_says_where_logs_go():
+    command = [*script_of("edge_run", NOBODY), "--robot-id", "0", "--duration", "0.2"]
+    environment = {name: value for name, value in os.environ.items() if name != "XDG_STATE_HOME"}
+    run_it = partial(subprocess.run, env=environment, capture_output=True, text=True, check=False)
+    done = run_it(command)
+    said = "edge-run: this user has no home directory; say with --log-dir where logs go, or --no-log\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    assert run_it([*command, "--no-log"]).returncode == 0
 
 
 def test_a_path_that_is_not_utf_8_is_one_line(name):

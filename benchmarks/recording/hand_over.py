@@ -25,7 +25,7 @@ def measure_hand_over(rate: float, duration: float) -> HandOver:
     grid, timing, spent = DeadlineGrid(1.0 / rate), TimingRecord(STAGES), []
     mates = tuple(Teammate(RobotState(i, 0.0, (float(i), 0.5), (0.1, 0.2))) for i in (1, 2, 3))
     with tempfile.TemporaryDirectory() as folder:
-        plan = LogPlan(folder, run_name("20260101T000000Z", 0, 0), 10**8, 600.0, 10**9)
+        plan = LogPlan(folder, run_name(1, "20260101T000000Z", 0, 0), 10**8, 600.0, 10**9)
         with Recorder(plan) as recorder:
             recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
             while grid.next_s < duration:

@@ -5,9 +5,11 @@ import stat
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.regular_file import BYTE_ORDER_MARK, open_regular
 from edge_runtime.errors import ConfigError
 
 KEY_BYTES: Final = 32
+LARGEST_FILE: Final = 1 << 20
 _CREATE: Final = "(umask 077 && openssl rand -hex 32 > {})"
 
 
@@ -31,7 +33,7 @@ def read_private(path: Path, size: int) -> bytes:
         OSError: if it cannot be read.
         ConfigError: if it belongs to or is open to other users.
     """
-    with path.open("rb") as file:
+    with open_regular(path, LARGEST_FILE) as file:
         status = os.fstat(file.fileno())
         content = file.read(size)
     if status.st_uid not in (0, os.geteuid()):
@@ -54,6 +56,6 @@ def _parse(content: bytes, path: Path) -> bytes:
 
 def _from_digits(content: bytes) -> bytes:
     try:
-        return bytes.fromhex(content.decode("ascii"))
+        return bytes.fromhex(content.removeprefix(BYTE_ORDER_MARK).decode("ascii"))
     except ValueError:
         return b""

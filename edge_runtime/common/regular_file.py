@@ -8,7 +8,10 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
+
+BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
+"""What some editors put in front of text; it is no part of it."""
 
 
 def open_regular(path: Path, largest: int) -> BinaryIO:

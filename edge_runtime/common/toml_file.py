@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, NoReturn, TypeVar, Union, get_args, get_
 
 import msgspec
 
-from edge_runtime.common.regular_file import read_regular
+from edge_runtime.common.regular_file import BYTE_ORDER_MARK, read_regular
 from edge_runtime.errors import ConfigError
 
 T = TypeVar("T")
@@ -22,7 +22,6 @@ LARGEST_INTEGER: Final = 2**63 - 1
 _LONGEST_KEY: Final = 300
 """Parts of a dotted key; one of a file's length would take a parser's time and memory by its square."""
 _SHOWN: Final = 40
-_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 def read_toml(path: Path) -> Table:
@@ -56,7 +55,7 @@ def parse_toml(content: bytes, path: Path) -> Table:
     try:
         if any(part.count(b".") > _LONGEST_KEY for part in re.split(rb"[=,{\[\n]", content)):
             raise RecursionError
-        table: Table = msgspec.toml.decode(content.removeprefix(_BYTE_ORDER_MARK))
+        table: Table = msgspec.toml.decode(content.removeprefix(BYTE_ORDER_MARK))
     except RecursionError:
         refuse(path, "", f"is nested deeper than {DEEPEST} tables and lists")
     except (msgspec.DecodeError, ValueError) as error:

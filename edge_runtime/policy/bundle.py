@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.regular_file import read_regular
+from edge_runtime.common.regular_file import BYTE_ORDER_MARK, read_regular
 from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.policy.backend import Backend, make_policy
 from edge_runtime.policy.manifest import Manifest
@@ -119,7 +119,7 @@ def digest_line(manifest: bytes) -> bytes:
 
 def _decode(encoded: bytes, path: Path) -> Manifest:
     try:
-        return msgspec.json.decode(encoded, type=Manifest)
+        return msgspec.json.decode(encoded.removeprefix(BYTE_ORDER_MARK), type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise BundleError(f"{path}: {error}") from error
 

@@ -15,7 +15,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, GREATEST_SPEED_M_S, check_bounds
-from edge_runtime.common.regular_file import read_regular
+from edge_runtime.common.regular_file import BYTE_ORDER_MARK, read_regular
 from edge_runtime.errors import ConfigError
 from edge_runtime.network.stream_wire import MOST_VALUES
 
@@ -59,7 +59,7 @@ def read_recording(path: Path) -> list[Sample]:
         ConfigError: names the file, the line and what is wrong there.
     """
     try:
-        content = read_regular(path, LARGEST_FILE)
+        content = read_regular(path, LARGEST_FILE).removeprefix(BYTE_ORDER_MARK)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     samples: list[Sample] = []

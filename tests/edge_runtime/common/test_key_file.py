@@ -8,6 +8,7 @@ from edge_runtime.common.key_file import read_key
 from edge_runtime.errors import ConfigError
 
 KEY = bytes(range(32))
+HEX = KEY.hex()
 
 
 @pytest.fixture
@@ -21,7 +22,10 @@ def write(tmp_path):
     return write_file
 
 
-@pytest.mark.parametrize("content", [KEY, KEY.hex().encode(), f"  {KEY.hex().upper()}\n".encode()])
+@pytest.mark.parametrize(
+    "content",
+    [KEY, KEY.hex().encode(), f"  {KEY.hex().upper()}\n".encode(), f"\ufeff{KEY.hex()}\r\n".encode()],
+)
 def test_raw_and_hexadecimal_keys(write, content):
     assert read_key(write(content)) == KEY
     assert read_key(write(content, 0o400)) == KEY
@@ -54,6 +58,12 @@ def test_a_missing_key_says_how_to_make_one(tmp_path):
         read_key(tmp_path / "team.key")
     with pytest.raises(ConfigError, match="Is a directory"):
         read_key(tmp_path)
+
+
+def test_a_pipe_is_no_key(tmp_path):
+    os.mkfifo(tmp_path / "team.key")
+    with pytest.raises(ConfigError, match=r"team.key: not a regular file"):
+        read_key(tmp_path / "team.key")
 
 
 def test_a_key_of_another_user(write, monkeypatch):

@@ -174,7 +174,9 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     controller, grid, timing = mission.controller(0), DeadlineGrid(0.01), TimingRecord(STAGES)
     slower = replace(fleet.objective_set, objectives=(SpeedLimit(limit_m_s=0.05),))
     guides = [controller.guide, replace(make_guide(slower, mission.bundle.manifest.dynamics), version=7)]
-    with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)) as recorder:
+    with Recorder(
+        LogPlan(str(tmp_path), run_name(1, "20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)
+    ) as recorder:
         recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
         for number in range(20):
             controller.guide = guides[number // 10]
@@ -213,7 +215,9 @@ def hand_over(tmp_path):
     for _ in STAGES:
         timing.lap()
     timing.end()
-    with Recorder(LogPlan(str(tmp_path), run_name("20260101T000000Z", 0, 2), 10**8, 60.0, 10**9)) as recorder:
+    with Recorder(
+        LogPlan(str(tmp_path), run_name(1, "20260101T000000Z", 0, 2), 10**8, 60.0, 10**9)
+    ) as recorder:
         recorder.begin(mission, controller, grid, timing, bridge="none", dry_run=True)
 
         def follow(count):

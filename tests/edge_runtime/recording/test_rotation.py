@@ -14,13 +14,13 @@ from logs import record, ticks
 from waiting import HANG_S, until
 
 from edge_runtime.recording import log_file
-from edge_runtime.recording.folder import file_name, make_room, run_name
+from edge_runtime.recording.folder import file_name, make_room, next_number, run_name
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.run_log import RunLog
 from edge_runtime.recording.schema import End, LoggedObjectiveSet, Start, Tick
 from edge_runtime.recording.wire import LogPlan
 
-RUN = run_name("20260131T235959Z", 3, 7)
+RUN = run_name(1, "20260131T235959Z", 3, 7)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_a_long_run_has_several_files_that_each_stand_by_themselves(run, tmp_pat
 
 
 def test_the_oldest_logs_make_room_and_nothing_else_does(tmp_path):
-    names = [file_name(run_name(f"2026010{day}T000000Z", 0, day), 0) for day in range(1, 6)]
+    names = [file_name(run_name(number, "20260101T000000Z", 0, 9 - number), 0) for number in range(1, 6)]
     others = ["notes.txt", "20260101T000000Z_robot0_camera.mcap", "a.mcap"]
     for name in (*names, *others):
         (tmp_path / name).write_bytes(bytes(1000))
@@ -75,8 +75,35 @@ def test_the_oldest_logs_make_room_and_nothing_else_does(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {*names[3:], *others}
 
 
+def test_runs_are_ordered_by_their_number_whatever_the_clock_said(tmp_path):
+    """A machine without a clock of its own starts in 1970; earlier versions had no numbers."""
+    names = [
+        "20260101T000000Z_robot0_ffffffff_000.mcap",
+        "20260102T000000Z_robot0_00000000_000.mcap",
+        file_name(run_name(3, "20260103T000000Z", 0, 5), 999),
+        file_name(run_name(3, "20260103T000000Z", 0, 5), 1000),
+        file_name(run_name(4, "19700101T000001Z", 0, 1), 0),
+        file_name(run_name(1_000_000, "19700101T000000Z", 1, 0), 0),
+    ]
+    for name in names:
+        (tmp_path / name).write_bytes(bytes(1000))
+    for count in range(len(names), -1, -1):
+        make_room(tmp_path, 1000 * count)
+        assert {path.name for path in tmp_path.iterdir()} == set(names[len(names) - count :])
+
+
+def test_every_run_has_a_greater_number_than_those_that_lie_in_its_folder(tmp_path):
+    assert next_number(tmp_path / "missing") == next_number(tmp_path) == 1
+    for name in ("20260101T000000Z_robot0_ffffffff_000.mcap", "000099_notes.mcap"):
+        (tmp_path / name).touch()
+    assert next_number(tmp_path) == 1
+    for number in (7, 1_000_000, 3):
+        (tmp_path / file_name(run_name(number, "20260101T000000Z", 0, 0), 0)).touch()
+    assert next_number(tmp_path) == 1_000_001
+
+
 def test_a_log_that_is_being_written_is_not_deleted(tmp_path):
-    old, new = (tmp_path / file_name(run_name(f"2026010{day}T000000Z", 0, day), 0) for day in (1, 2))
+    old, new = (tmp_path / file_name(run_name(number, "20260101T000000Z", 0, 0), 0) for number in (1, 2))
     for path in (old, new):
         path.write_bytes(bytes(1000))
     with old.open("rb") as held:
@@ -87,12 +114,12 @@ def test_a_log_that_is_being_written_is_not_deleted(tmp_path):
 
 def test_a_new_file_keeps_to_the_cap(run, tmp_path):
     for day in range(1, 6):
-        (tmp_path / file_name(run_name(f"2026010{day}T000000Z", 0, day), 0)).write_bytes(bytes(10_000))
+        (tmp_path / file_name(f"2026010{day}T000000Z_robot0_{day:08x}", 0)).write_bytes(bytes(10_000))
     write_run(run, plan(tmp_path, file_bytes=20_000, keep_bytes=45_000), lambda: 0.0)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 45_000 + 20_000
-    assert names[-1].startswith(RUN)
-    assert "robot0_00000005" in names[0] or names[0].startswith(RUN)
+    assert names[0].startswith(RUN)
+    assert names[-1].startswith(RUN) or "robot0_00000005" in names[-1]
 
 
 def only_child(process):
