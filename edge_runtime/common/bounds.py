@@ -13,6 +13,10 @@ Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
 """A number of a message from another machine, times since 1970 included: neither infinite nor NaN."""
 RATE_HZ: Final = (1.0, 1000.0)
 """Least and greatest control rate."""
+MOST_ROBOTS: Final = 256
+"""Of a team."""
+MOST_OBJECTIVES: Final = 32
+"""In force at once; as many as the compiled kernel takes."""
 
 
 def is_motion(x_m: float, y_m: float, v_x_m_s: float, v_y_m_s: float) -> bool:

@@ -14,7 +14,7 @@ from edge_runtime.errors import ConfigError
 T = TypeVar("T")
 Table = dict[str, Any]
 LARGEST_FILE: Final = 1 << 20
-"""Bytes; a fleet of a thousand robots takes a tenth of it."""
+"""Bytes; a fleet of 256 robots takes a fiftieth of it."""
 DEEPEST: Final = 32
 """Tables and lists within one another."""
 LARGEST_INTEGER: Final = 2**63 - 1

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.bounds import GREATEST, RATE_HZ, check_bounds
+from edge_runtime.common.bounds import GREATEST, MOST_ROBOTS, RATE_HZ, check_bounds
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
 from edge_runtime.config.network import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.config.objectives import make_objectives
@@ -83,6 +83,8 @@ def load_fleet(path: Path) -> Fleet:
     tables = to_record(read_toml(path), _FleetTables, path)
     if not tables.robots:
         refuse(path, "robots", "a fleet needs at least one robot")
+    if len(tables.robots) > MOST_ROBOTS:
+        refuse(path, "robots", f"a fleet has at most {MOST_ROBOTS} robots, got {len(tables.robots)}")
     ids = [robot.id for robot in tables.robots]
     for index, robot_id in enumerate(ids):
         if robot_id in ids[:index]:

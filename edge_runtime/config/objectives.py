@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.common.bounds import MOST_OBJECTIVES
 from edge_runtime.common.signals import is_interrupt
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.errors import ConfigError
@@ -64,6 +65,8 @@ def make_objectives(
     Raises:
         ConfigError: as `load_objective_set`.
     """
+    if len(tables) > MOST_OBJECTIVES:
+        refuse(path, "objectives", f"at most {MOST_OBJECTIVES} at once, got {len(tables)}")
     return tuple(_objective(table, path, f"objectives[{i}]", own) for i, table in enumerate(tables))
 
 

@@ -18,7 +18,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.bounds import GREATEST, RATE_HZ, check_bounds
+from edge_runtime.common.bounds import GREATEST, MOST_OBJECTIVES, MOST_ROBOTS, RATE_HZ, check_bounds
 from edge_runtime.messages import Command, GuidedAction, Integer, TeamState, Vector2
 
 LOG_FORMAT: Final = "cfpg-log/2"
@@ -81,8 +81,8 @@ class FleetIdentity(msgspec.Struct, frozen=True):
 
     def __post_init__(self) -> None:
         check_bounds(self, {"goal_tolerance_m": (0.0, GREATEST)})
-        if not 0 < len({robot.robot_id for robot in self.robots}) == len(self.robots):
-            raise ValueError("`robots` must be one or more, each with an id of its own")
+        if not 0 < len({robot.robot_id for robot in self.robots}) == len(self.robots) <= MOST_ROBOTS:
+            raise ValueError(f"`robots` must be 1 to {MOST_ROBOTS}, each with an id of its own")
 
 
 class Settings(msgspec.Struct, frozen=True):
@@ -176,6 +176,10 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     start_noise: float
     """Deviation of the flow's start."""
     objectives: tuple[LoggedObjective, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.objectives) > MOST_OBJECTIVES:
+            raise ValueError(f"`objectives` must be at most {MOST_OBJECTIVES}, got {len(self.objectives)}")
 
 
 class Inputs(msgspec.Struct, frozen=True, gc=False):

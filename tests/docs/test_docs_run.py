@@ -94,6 +94,7 @@ def give(page, folder, log):
     (folder / "team.toml").write_text(re.sub(r'"[\d.]+:\d+"', free_address, team))
     (folder / "one.toml").write_text(blocks(ROOT / "docs" / "first-robot-can.md", "toml")[0])
     (folder / "slow.toml").write_text(blocks(ROOT / "README.md", "toml")[0])
+    (folder / "stay_north.py").write_text(blocks(ROOT / "README.md", "python")[0])
     key = os.open(folder / "team.key", os.O_WRONLY | os.O_CREAT, 0o600)
     os.write(key, secrets.token_hex(32).encode())
     os.close(key)

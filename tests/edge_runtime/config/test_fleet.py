@@ -354,6 +354,14 @@ def test_files_that_cannot_be_read(tmp_path):
     assert complaint(load_fleet, tmp_path / "binary.toml").startswith("is not TOML (")
 
 
+def test_more_robots_and_objectives_than_any_team_has(write):
+    robots = "".join(ROBOTS.replace("id = 3", f"id = {number}") for number in range(257))
+    assert complaint(load_fleet, write(robots)) == "robots: a fleet has at most 256 robots, got 257"
+    wish = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 1\n'
+    assert complaint(load_objective_set, write(33 * wish)) == "objectives: at most 32 at once, got 33"
+    assert len(load_objective_set(write(32 * wish)).objectives) == 32
+
+
 def test_unknown_robot_lists_the_known_ones(write):
     with pytest.raises(ConfigError, match=r"none has id 7 \(--robot-id\); known ids: 3$"):
         load_fleet(write(ROBOTS)).robot(7)
