@@ -10,7 +10,8 @@ PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink
 ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
 	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
-	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py)
+	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) tests/test_compatibility.py
+OLD_LOG := tests/support/artefacts/0.1.0/navigation.mcap
 SOURCES := pyproject.toml $(wildcard edge_runtime/policy/_kernel*.[ch])
 # Tests run on all cores, one thread each.
 PYTEST := -m pytest -n auto --dist worksteal
@@ -55,7 +56,9 @@ aarch64: $(DEV)/ready  ## The robot's processor, emulated: what computes actions
 	@sh tests/support/aarch64/install.sh
 	@if command -v qemu-aarch64 >/dev/null; then \
 	    PYTHON=$(DEV)/bin/python sh tests/support/aarch64/prepare.sh $(ARM) && \
-	    CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(ON_ARM); fi
+	    CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(ON_ARM) && \
+	    sh tests/support/aarch64/python.sh $(ARM) tests/support/aarch64/decide.py $(OLD_LOG) $(CURDIR)/$(ARM)/arm.mcap && \
+	    $(DEV)/bin/edge-replay $(ARM)/arm.mcap; fi
 
 # What measures time ends with 3 if the machine was too busy to tell: it says so, and proves nothing.
 sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each

@@ -74,6 +74,14 @@ def load_kernel() -> _Kernel:
     return kernel
 
 
+def compiled_engines() -> list[str]:
+    """The instruction sets of the kernel on this machine, the fastest first; none where it is not usable."""
+    try:
+        return load_kernel().engines()
+    except PolicyError:
+        return []
+
+
 class CompiledPolicy:
     """v_theta(a, tau | o) and dv/da for B inputs at once; the `VelocityField` of ``_kernel.c``.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from edge_runtime.common.processor import processor
 from edge_runtime.common.realtime import in_realtime
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
@@ -80,16 +81,7 @@ def _import_folder(module: str) -> str:
 
 
 def _machine() -> Machine:
-    return Machine(platform.node(), _processor(), os.cpu_count() or 0, platform.release())
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())
+    return Machine(platform.node(), processor(), os.cpu_count() or 0, platform.release())
 
 
 def _bundle(mission: Mission) -> BundleIdentity:

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from edge_runtime.errors import PolicyError
-from edge_runtime.policy.compiled_policy import load_kernel
+from edge_runtime.policy.compiled_policy import compiled_engines
 from edge_runtime.policy.weights import FlowWeights
 
 
@@ -34,14 +33,7 @@ def random_weights(
     )
 
 
-def _engines():
-    try:
-        return load_kernel().engines()
-    except PolicyError:
-        return []
-
-
-ENGINES = _engines()
+ENGINES = compiled_engines()
 
 
 needs_kernel = pytest.mark.skipif(not ENGINES, reason="the compiled kernel was not built")

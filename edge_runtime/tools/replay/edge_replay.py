@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from edge_runtime.common.command_line import CommandParser, check_output, command, need
+from edge_runtime.common.command_line import CommandParser, check_output, command, complain, need
 from edge_runtime.common.printable import printed
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set, own_objective
-from edge_runtime.errors import BundleError, ConfigError
+from edge_runtime.errors import BundleError, ConfigError, EdgeError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
@@ -29,7 +29,7 @@ EPILOG: Final = """\
 exit codes:
   0  every tick came out as it was; or the question was answered
   1  a tick came out otherwise; or a log breaks off or is damaged: what was read is judged, a line says where
-  2  a flag, log or bundle does not hold together; one line says what
+  2  a flag, log or bundle does not hold together; one line says what, other logs are judged all the same
   130  interrupted
 
 examples:
@@ -78,7 +78,10 @@ class ReplayResult:
     """Ticks."""
     differences: list[Difference] = field(default_factory=list)
     """The first ones."""
+    replay: Replay | None = None
     damage: str = ""
+    refusal: str = ""
+    """Why the log cannot be judged at all."""
     answer: Answer | None = None
 
 
@@ -91,11 +94,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if flags.picture:
         _check_picture(flags)
     own = _own(flags)
-    results = [_replay(path, asked, instead, own) for path in flags.logs]
+    results = [_attempt(path, asked, instead, own) for path in flags.logs]
     for result in results:
+        if result.refusal:
+            complain("edge-replay", result.refusal)
+            continue
         print(_text(result, flags))
         if flags.picture:
             _draw(result, flags)
+    if any(result.refusal for result in results):
+        return 2
     return 1 if any(result.differing or result.damage for result in results) else 0
 
 
@@ -106,6 +114,16 @@ def _own(flags: argparse.Namespace) -> tuple[type[Objective], ...]:
     return (*kinds, *(type(objective) for objective in named if type(objective) not in BUILT_IN))
 
 
+def _attempt(
+    path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: tuple[type[Objective], ...]
+) -> ReplayResult:
+    """Replay one log; one that is refused hides no other's verdict."""
+    try:
+        return _replay(path, asked, instead, own)
+    except EdgeError as error:
+        return ReplayResult(path, refusal=str(error))
+
+
 def _replay(
     path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: tuple[type[Objective], ...]
 ) -> ReplayResult:
@@ -114,7 +132,8 @@ def _replay(
         if isinstance(record, Start):
             result.start = printed(record)
             bundle = asked or _recorded_bundle(record, path)
-            replay = Replay(record, bundle, recorded_policy(record, bundle))
+            replay = Replay(record, bundle, *recorded_policy(record, bundle))
+            result.replay = replay
             if instead is not None or bundle.sha256 != record.bundle.sha256:
                 result.answer = Answer(record)
             if instead is not None:
@@ -196,6 +215,9 @@ def _text(result: ReplayResult, flags: argparse.Namespace) -> str:
         ]
     if result.answer is not None:
         lines += _answer_lines(result.answer, _question(flags))
+    elif not result.differing and start is not None and result.replay is not None and result.replay.tolerance:
+        within = f"within {result.replay.tolerance:g} ({result.replay.worst:.1g} apart at most)"
+        lines += [f"  alike       {result.ticks} ticks {within}: {start.machine.processor} rounds otherwise"]
     elif not result.differing:
         lines += [f"  identical   {result.ticks} ticks, bit for bit: observation, action, command"]
     else:

@@ -2,16 +2,19 @@
 
 A difference therefore names the stage that makes it: ``observation`` (states to the policy's input),
 ``action`` (the guided sample, with the recorded start noise, and cut after as many steps) or ``command``
-(limits). Equal means equal bit for bit, for every number of every record.
+(limits). Equal means equal bit for bit, for every number of every record; where the log was made on a
+processor that rounds otherwise, every number but counts is compared within `TOLERANCE`.
 """
 
 import math
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Final
 
 import msgspec
 import numpy as np
 
+from edge_runtime.common.processor import processor
 from edge_runtime.config.objectives import make_objective_set, own_name
 from edge_runtime.control.limits import RobotLimits, limited
 from edge_runtime.errors import ConfigError
@@ -21,12 +24,17 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation.observer import Observer
-from edge_runtime.policy.backend import BACKENDS
+from edge_runtime.policy.backend import BACKENDS, Backend
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
+from edge_runtime.policy.compiled_policy import CompiledPolicy, compiled_engines
 from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.recording.json_codec import encode
 from edge_runtime.recording.schema import LoggedObjectiveSet, Observation, Start, Tick
+
+TOLERANCE: Final = 1e-5
+"""Between processors, relative to numbers above 1: actions of numpy differ by 6e-6, the kernel's by 1e-7."""
+COUNTS: Final = ("conflicts", "opposed", "projections")
+"""How often something happened in a flow: a number on the edge may fall to either side."""
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -50,12 +58,16 @@ class Replay:
         start: of the log.
         bundle: the policy.
         policy: that policy on a backend, see `recorded_policy`.
+        tolerance: how far numbers may lie apart; 0 for not at all.
 
     Raises:
         PolicyError: if the policy observes something that a log does not hold.
     """
 
-    def __init__(self, start: Start, bundle: Bundle, policy: VelocityField) -> None:
+    def __init__(self, start: Start, bundle: Bundle, policy: VelocityField, tolerance: float = 0.0) -> None:
+        self.tolerance = tolerance
+        self.worst = 0.0
+        """Largest difference seen within the tolerance."""
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
         self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m)
         self._policy, self._dynamics = policy, bundle.manifest.dynamics
@@ -94,27 +106,32 @@ class Replay:
             ("command", tick.command, self.limit(tick, tick.action)),
         )
         for stage, recorded, replayed in stages:
-            if encode(recorded) != encode(replayed):
-                yield Difference(tick.inputs.number, stage, *_first_difference(recorded, replayed))
+            if encode(recorded) == encode(replayed):
+                continue
+            apart = _first_difference(recorded, replayed, self.tolerance)
+            if apart is not None:
+                yield Difference(tick.inputs.number, stage, *apart)
+            else:
+                self.worst = max(self.worst, *_distances(recorded, replayed))
 
 
-def recorded_policy(start: Start, bundle: Bundle) -> VelocityField:
-    """Prepare the policy on the backend that the log was made with.
+def recorded_policy(start: Start, bundle: Bundle) -> tuple[VelocityField, float]:
+    """Prepare the policy on the backend that the log was made with, or what comes nearest to it here.
+
+    Returns:
+        The policy, and how far its numbers may lie from the recorded ones: 0 where this machine computes the
+        same bits, else `TOLERANCE`.
 
     Raises:
-        ConfigError: if this machine does not have it: another instruction set computes other bits.
         PolicyError: if it cannot run the bundle.
     """
     backend, engine = start.settings.backend, start.settings.engine
-    if backend == CompiledPolicy.backend and bundle.weights is not None:
-        engines = load_kernel().engines()
-        if engine not in engines:
-            raise ConfigError(
-                f"the log was made with the compiled kernel's {engine} engine; this machine has "
-                f"{', '.join(engines)}: replay it where {engine} is to be had"
-            )
-        return CompiledPolicy(bundle.weights, bundle.manifest.euler_steps, engine=engine)
-    return bundle.field(next((known for known in BACKENDS if known == backend), "auto"))
+    if backend == CompiledPolicy.backend and bundle.weights is not None and engine in compiled_engines():
+        return CompiledPolicy(bundle.weights, bundle.manifest.euler_steps, engine=engine), 0.0
+    if backend == CompiledPolicy.backend:
+        return bundle.field("auto"), TOLERANCE
+    known: Backend = next((name for name in BACKENDS if name == backend), "auto")
+    return bundle.field(known), 0.0 if start.machine.processor == processor() else TOLERANCE
 
 
 def recorded_objectives(
@@ -155,17 +172,40 @@ def _limits(start: Start, bundle: Bundle) -> RobotLimits:
     )
 
 
-def _first_difference(recorded: msgspec.Struct, replayed: msgspec.Struct) -> tuple[str, str, str]:
-    """Name, and both values, of the first number that differs."""
+def _pairs(recorded: msgspec.Struct, replayed: msgspec.Struct) -> Iterator[tuple[str, object, object]]:
+    """Every value of both, by its name; vectors of one length component by component."""
     for name in recorded.__struct_fields__:
         one, other = getattr(recorded, name), getattr(replayed, name)
         if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
-            for index, pair in enumerate(zip(one, other, strict=True)):
-                if _text(pair[0]) != _text(pair[1]):
-                    return f"{name}[{index}]", _text(pair[0]), _text(pair[1])
-        elif _text(one) != _text(other):
-            return name, _text(one), _text(other)
-    raise ValueError("both are equal")
+            for index, (a, b) in enumerate(zip(one, other, strict=True)):
+                yield f"{name}[{index}]", a, b
+        else:
+            yield name, one, other
+
+
+def _first_difference(
+    recorded: msgspec.Struct, replayed: msgspec.Struct, tolerance: float
+) -> tuple[str, str, str] | None:
+    """Name, and both values, of the first number that differs by more than the tolerance."""
+    for name, one, other in _pairs(recorded, replayed):
+        if _text(one) == _text(other):
+            continue
+        if tolerance and (name.partition("[")[0] in COUNTS or _distance(one, other) <= tolerance):
+            continue
+        return name, _text(one), _text(other)
+    return None
+
+
+def _distances(recorded: msgspec.Struct, replayed: msgspec.Struct) -> Iterator[float]:
+    for name, one, other in _pairs(recorded, replayed):
+        yield 0.0 if name.partition("[")[0] in COUNTS else _distance(one, other)
+
+
+def _distance(one: object, other: object) -> float:
+    """Between two numbers, relative to those above 1; infinite between other things that differ."""
+    if isinstance(one, float) and isinstance(other, float):
+        return 0.0 if one == other else abs(one - other) / max(1.0, abs(one))
+    return 0.0 if one == other else math.inf
 
 
 def _text(value: object) -> str:

@@ -1,6 +1,7 @@
 """edge-replay: bit for bit on every backend, and every planted change found."""
 
 import math
+import re
 import shutil
 import sys
 
@@ -103,7 +104,7 @@ def again(log, change):
     for item in read_log(log):
         if isinstance(item, Start):
             bundle = packaged_bundle(item.bundle.name)
-            policy = recorded_policy(item, bundle)
+            policy, _ = recorded_policy(item, bundle)
             replay = Replay(item, bundle, policy)
         elif isinstance(item, LoggedObjectiveSet):
             replay.follow(recorded_objectives(item, log))
@@ -306,10 +307,38 @@ def test_bad_flags_are_one_line(one_log, capsys, flags, complaint):
     assert captured.out == ""
 
 
-def test_a_machine_without_the_engine_refuses(one_log, tmp_path, capsys):
-    start, *rest = read_log(one_log)
+def elsewhere(log, path, change=lambda tick: tick):
+    """The log as a processor with another instruction set might have left it."""
+    start, *rest = read_log(log)
     settings = replace(start.settings, backend="compiled", engine="abacus")
-    path = write(tmp_path / "engine.mcap", [replace(start, settings=settings), *rest])
-    assert main([str(path)]) == 2
-    error = capsys.readouterr().err
-    assert "abacus" in error or "not usable" in error
+    ticks = [change(item) if isinstance(item, Tick) else item for item in rest]
+    return write(path, [replace(start, settings=settings), *ticks])
+
+
+def off(amount):
+    def change(tick):
+        x, *others = tick.action.action
+        return replace(tick, action=replace(tick.action, action=(x + amount, *others)))
+
+    return change
+
+
+def test_a_log_of_another_processor_is_held_to_a_tolerance(one_log, tmp_path, capsys):
+    assert main([str(elsewhere(one_log, tmp_path / "near.mcap", off(1e-7)))]) == 0
+    assert re.search(r" within 1e-05 \([1-9]e-07 apart at most\): ", capsys.readouterr().out)
+    assert main([str(elsewhere(one_log, tmp_path / "far.mcap", off(1e-4)))]) == 1
+    assert "stage action: action[0] was " in capsys.readouterr().out
+
+
+def test_a_question_needs_no_equal_bits(one_log, tmp_path, capsys):
+    slow = tmp_path / "slow.toml"
+    slow.write_text('[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.05\n')
+    assert main([str(elsewhere(one_log, tmp_path / "log.mcap")), "--objectives", str(slow)]) == 0
+    assert "what if" in capsys.readouterr().out
+
+
+def test_a_log_that_is_refused_hides_no_others_verdict(one_log, tmp_path, capsys):
+    assert main([str(tmp_path / "none.mcap"), str(one_log)]) == 2
+    captured = capsys.readouterr()
+    assert "identical" in captured.out
+    assert captured.err.startswith("edge-replay: ") and captured.err.count("\n") == 1
