@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from edge_runtime.common.durable_file import replace_durably
 from edge_runtime.errors import ConfigError
-from export.common.atomic import write_atomic
 
 Result = TypeVar("Result")
 Row = TypeVar("Row")
@@ -33,12 +33,15 @@ def write_result(path: Path, result: Any) -> None:  # noqa: ANN401 - whatever ms
     Raises:
         ConfigError: if it cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(result, list):
         content = b"[\n" + b",\n".join(map(msgspec.json.encode, result)) + b"\n]"
     else:
         content = msgspec.json.format(msgspec.json.encode(result), indent=1)
-    write_atomic(path, content + b"\n")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_durably(path, content + b"\n")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror}), and is as it was") from error
 
 
 def replaced(rows: Iterable[Row], newer: Iterable[Row], measured: Callable[[Row], Hashable]) -> list[Row]:

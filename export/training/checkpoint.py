@@ -12,7 +12,7 @@ import torch
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import FlowStart, Training
 from export.algorithms.networks import Actor, FlowNetwork
-from export.common.atomic import write_atomic
+from export.training.run_file import write_run_file
 
 CHECKPOINT = "checkpoint.pt"
 BEST = "best.pt"
@@ -58,7 +58,7 @@ def save(path: Path, state: dict[str, Any]) -> None:
     """
     buffer = io.BytesIO()
     torch.save(state, buffer)
-    write_atomic(path, buffer.getvalue())
+    write_run_file(path, buffer.getvalue())
 
 
 def load(path: Path) -> dict[str, Any]:

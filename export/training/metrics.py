@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from export.common.atomic import write_atomic
+from export.training.run_file import write_run_file
 
 mpl.use("Agg")
 
@@ -42,7 +42,7 @@ def write_table(path: Path, rows: list[MetricsRow]) -> None:
     writer = csv.DictWriter(buffer, [field.name for field in fields(MetricsRow)])
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
-    write_atomic(path, buffer.getvalue().encode())
+    write_run_file(path, buffer.getvalue().encode())
 
 
 def draw_curve(path: Path, rows: list[MetricsRow], title: str, failure: str) -> None:
@@ -66,7 +66,7 @@ def draw_curve(path: Path, rows: list[MetricsRow], title: str, failure: str) -> 
         axes.legend()
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=120)
-    write_atomic(path, buffer.getvalue())
+    write_run_file(path, buffer.getvalue())
 
 
 def _plot(axes: "mpl.axes.Axes", rows: list[MetricsRow], column: str, label: str, style: str) -> None:

@@ -8,12 +8,12 @@ import contextlib
 import enum
 import hashlib
 import hmac
-import os
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from edge_runtime.common.durable_file import replace_durably
 from edge_runtime.errors import BridgeError, ConfigError
 
 SIGNATURE_BYTES = 13
@@ -96,27 +96,12 @@ class Timestamps:
     def _store(self, tick: int) -> None:
         with self._writing:
             try:
-                _replace_durably(self._path, f"{tick}\n")
+                replace_durably(self._path, f"{tick}\n".encode())
             except OSError as error:
                 raise BridgeError(
                     f"signing timestamp {self._path}: {error.strerror}; make its folder writable"
                 ) from error
             self._reserved = tick
-
-
-def _replace_durably(path: Path, text: str) -> None:
-    """Replace a file as a whole; on return it has reached the disk."""
-    written = path.with_name(path.name + ".new")
-    with written.open("w", encoding="ascii") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    written.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 class Signing:

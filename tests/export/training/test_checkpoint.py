@@ -6,8 +6,8 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.networks import FlowNetwork
-from export.common.atomic import write_atomic
 from export.training.checkpoint import PolicyFacts, load, load_policy, save, save_policy
+from export.training.run_file import write_run_file
 
 FACTS = PolicyFacts("navigation", "mafpo", 3, 12_800, "unknown", 0.5, euler_steps=10)
 
@@ -51,13 +51,13 @@ def test_pickled_code_is_not_executed(tmp_path):
 
 def test_full_disk_keeps_the_old_file_and_says_so(tmp_path, monkeypatch):
     path = tmp_path / "checkpoint.pt"
-    write_atomic(path, b"old")
+    write_run_file(path, b"old")
 
     def no_space(_descriptor):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", no_space)
     with pytest.raises(ConfigError, match="No space left on device"):
-        write_atomic(path, b"new")
+        write_run_file(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
