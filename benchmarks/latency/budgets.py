@@ -20,7 +20,7 @@ class Budget(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     at_least: float
 
 
-class Verdict(msgspec.Struct, frozen=True):
+class BudgetVerdict(msgspec.Struct, frozen=True):
     """A budget beside what was measured."""
 
     budget: Budget
@@ -53,7 +53,7 @@ def load_budgets(path: Path = BUDGETS) -> list[Budget]:
     return to_record(read_toml(path), _File, path).budgets
 
 
-def judge(budgets: list[Budget], timings: Mapping[str, Timing]) -> list[Verdict]:
+def judge(budgets: list[Budget], timings: Mapping[str, Timing]) -> list[BudgetVerdict]:
     """Compare every budget with a run.
 
     Raises:
@@ -64,6 +64,6 @@ def judge(budgets: list[Budget], timings: Mapping[str, Timing]) -> list[Verdict]
             if name not in timings:
                 raise ConfigError(f"budgets.toml: {name!r} was not timed, only {', '.join(timings)}")
     return [
-        Verdict(budget, timings[budget.backend].times_faster_than(timings[budget.against]))
+        BudgetVerdict(budget, timings[budget.backend].times_faster_than(timings[budget.against]))
         for budget in budgets
     ]

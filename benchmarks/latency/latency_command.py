@@ -9,7 +9,7 @@ from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
 from benchmarks.latency import footprint, limit, machine, paced
 from benchmarks.latency import latency_page as page
-from benchmarks.latency.budgets import Budget, Verdict, judge, load_budgets
+from benchmarks.latency.budgets import Budget, BudgetVerdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
 from benchmarks.latency.growth import estimate_orin_nano, grow
@@ -113,7 +113,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     return [*default, *small, *rows, *result.paced], _exit_code(verdicts, result.noise)
 
 
-def _exit_code(verdicts: Sequence[Verdict], noise: Sequence[str]) -> int:
+def _exit_code(verdicts: Sequence[BudgetVerdict], noise: Sequence[str]) -> int:
     if noise:
         return 3
     return 0 if all(verdict.held for verdict in verdicts) else 1

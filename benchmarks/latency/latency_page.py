@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 from benchmarks.common.result_page import page, table
-from benchmarks.latency.budgets import Verdict
+from benchmarks.latency.budgets import BudgetVerdict
 from benchmarks.latency.cases import Case
 from benchmarks.latency.footprint import Footprint
 from benchmarks.latency.growth import Estimate, Growth, paper_terms
@@ -20,7 +20,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     noise: list[str]
     """Empty if the machine was quiet."""
     default: list[LatencyRow]
-    verdicts: list[Verdict]
+    verdicts: list[BudgetVerdict]
     small: list[LatencyRow]
     """The 2x128 network."""
     growths: list[list[Growth]]
@@ -58,7 +58,7 @@ def render(result: Result) -> str:
 
 
 def render_short(
-    case: Case, rows: Sequence[LatencyRow], verdicts: Sequence[Verdict], noise: Sequence[str]
+    case: Case, rows: Sequence[LatencyRow], verdicts: Sequence[BudgetVerdict], noise: Sequence[str]
 ) -> str:
     """The page of a short run."""
     return page(

@@ -54,7 +54,7 @@ class Size(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sent_bytes_a_second: float
 
 
-class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SilResults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that was measured."""
 
     cores: int
@@ -62,12 +62,12 @@ class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sizes: tuple[Size, ...]
 
 
-def keep(path: Path, page: Page) -> None:
-    """Write a page; rows and sizes of the file that were not measured again stay as they are."""
-    old = read_result(path, Page, default=Page(page.cores, (), ()))
-    rows = replaced(old.rows, page.rows, attrgetter("name"))
-    sizes = replaced(old.sizes, page.sizes, attrgetter("robots", "rate_hz"))
-    write_result(path, Page(page.cores, tuple(rows), tuple(sizes)))
+def keep(path: Path, measured: SilResults) -> None:
+    """Write results; rows and sizes of the file that were not measured again stay as they are."""
+    old = read_result(path, SilResults, default=SilResults(measured.cores, (), ()))
+    rows = replaced(old.rows, measured.rows, attrgetter("name"))
+    sizes = replaced(old.sizes, measured.sizes, attrgetter("robots", "rate_hz"))
+    write_result(path, SilResults(measured.cores, tuple(rows), tuple(sizes)))
 
 
 def settled_row(case: Case, run: Callable[[], SilReport]) -> CaseRow:

@@ -19,7 +19,7 @@ from benchmarks.sil.cases import Case, cases, soak
 from benchmarks.sil.rows import (
     HEAD,
     CaseRow,
-    Page,
+    SilResults,
     Size,
     failed,
     keep,
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{robots} robots: {error}", file=sys.stderr)
     if sizes:
         print(sizes_table(sizes))
-    keep(options.json, Page(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes)))
+    keep(options.json, SilResults(len(os.sched_getaffinity(0)), tuple(rows), tuple(sizes)))
     lacking = [row for row in rows if row.missing]
     return 1 if any(not row.disturbed for row in lacking) else 3 if lacking else 0
 

@@ -5,7 +5,7 @@ import pytest
 from sil_reports import report, robot
 
 from benchmarks.sil.cases import cases, soak
-from benchmarks.sil.rows import ATTEMPTS, Page, failed, keep, line, row_of, settled_row, size_of
+from benchmarks.sil.rows import ATTEMPTS, SilResults, failed, keep, line, row_of, settled_row, size_of
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.network.team_wire import FRAME_BYTES
 from firmware_bridge.sil.report.records import FaultDone, ProcessCost
@@ -143,7 +143,7 @@ def test_what_was_not_measured_again_is_kept(tmp_path):
     path = tmp_path / "results" / "sil.json"
     first, second = (row_of(CASES[name], report(robot(0))) for name in ("rate, CAN", "rate, MAVLink"))
     size = size_of(report(robot(0)), 1)
-    keep(path, Page(2, (first, second), (size,)))
+    keep(path, SilResults(2, (first, second), (size,)))
     again = row_of(CASES["rate, MAVLink"], report(robot(0), disturbed=("busy",)))
-    keep(path, Page(4, (again,), ()))
-    assert msgspec.json.decode(path.read_bytes(), type=Page) == Page(4, (first, again), (size,))
+    keep(path, SilResults(4, (again,), ()))
+    assert msgspec.json.decode(path.read_bytes(), type=SilResults) == SilResults(4, (first, again), (size,))
