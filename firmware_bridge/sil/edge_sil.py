@@ -21,7 +21,8 @@ from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.errors import ConfigError
 from edge_runtime.run.console import use_colour
-from firmware_bridge.sil.harness.harness import Harness, StartError
+from firmware_bridge.sil.harness.harness import Harness
+from firmware_bridge.sil.harness.lookout import StartError
 from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.judge.judge import judge
 from firmware_bridge.sil.judge.table import table

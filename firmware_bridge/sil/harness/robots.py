@@ -64,6 +64,11 @@ def open_operator(scenario: Scenario) -> OperatorLink:
     return OperatorLink(ports, operator_key(scenario.fleet), ANSWER_S)
 
 
+def probe_path(scenario: Scenario) -> Path:
+    """Return where the wake-up probe's record goes."""
+    return scenario.folder / "probe.record"
+
+
 def report_path(scenario: Scenario, robot_id: int) -> Path:
     """Return where a robot's own report goes."""
     return scenario.folder / f"robot_{robot_id}.json"

@@ -9,7 +9,7 @@ import numpy as np
 from edge_runtime.common.arrays import Floats
 from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.firmware.record import NodeRecord
-from firmware_bridge.sil.harness.harness import Recording
+from firmware_bridge.sil.harness.recording import Recording
 from firmware_bridge.sil.judge.figures import (
     LoggedTicks,
     halts,

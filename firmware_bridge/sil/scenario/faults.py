@@ -39,14 +39,15 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return math.inf
 
     @property
-    def hits(self) -> tuple[int, ...]:
-        """Ids of the robots that it takes out of the run, of which no limit holds."""
-        return ()
-
-    @property
     def names(self) -> tuple[int, ...]:
         """Ids of the robots that the file names."""
-        return ()
+        robot: int | None = getattr(self, "robot", None)
+        return () if robot is None else (robot,)
+
+    @property
+    def hits(self) -> tuple[int, ...]:
+        """Ids of the robots that it takes out of the run, of which no limit holds."""
+        return self.names
 
 
 class Lasting(Fault, frozen=True, kw_only=True):
@@ -69,12 +70,7 @@ class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
     @property
     def hits(self) -> tuple[int, ...]:
         """The robot; a run goes on without its logger."""
-        return () if self.part == "logger" else (self.robot,)
-
-    @property
-    def names(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
+        return () if self.part == "logger" else self.names
 
 
 class Freeze(Lasting, frozen=True, kw_only=True, tag="freeze"):
@@ -82,16 +78,6 @@ class Freeze(Lasting, frozen=True, kw_only=True, tag="freeze"):
 
     robot: int
     part: Literal["runtime", "guard"] = "runtime"
-
-    @property
-    def hits(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
-
-    @property
-    def names(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
 
 
 class CpuHog(Lasting, frozen=True, kw_only=True, tag="cpu_hog"):
@@ -130,6 +116,11 @@ class NetworkFault(Lasting, frozen=True, kw_only=True):
     def names(self) -> tuple[int, ...]:
         """The robots."""
         return self.robots or ()
+
+    @property
+    def hits(self) -> tuple[int, ...]:
+        """None: whoever hears nobody stops, and goes on."""
+        return ()
 
 
 class SharedFault(NetworkFault, frozen=True, kw_only=True):
@@ -177,16 +168,6 @@ class WireFault(Lasting, frozen=True, kw_only=True):
     """A fault of what one robot's firmware sends."""
 
     robot: int
-
-    @property
-    def names(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
-
-    @property
-    def hits(self) -> tuple[int, ...]:
-        """The robot."""
-        return (self.robot,)
 
 
 class StalePose(WireFault, frozen=True, kw_only=True, tag="stale_pose"):

@@ -14,7 +14,7 @@ from waiting import HANG_S, until
 import edge_runtime
 from edge_runtime.common.signals import StopSignals
 from firmware_bridge.sil import edge_sil as command
-from firmware_bridge.sil.harness import harness
+from firmware_bridge.sil.harness import harness, launch
 from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.measurement.processes import ProcessGroup
 from firmware_bridge.sil.scenario.faults import KINDS
@@ -301,7 +301,7 @@ def test_a_signal_among_the_starts_ends_them(folder):
 @on_a_quiet_machine
 def test_no_robot_commands_anything_before_all_are_up(tmp_path, monkeypatch, bridge):
     """Its guard's deadline would run while its siblings, which still start, keep it from its ticks."""
-    monkeypatch.setattr(harness, "APART_S", 2.5)
+    monkeypatch.setattr(launch, "APART_S", 2.5)
     scenario = prepare(Request(robots=2, bridge=bridge, rate_hz=10.0, duration_s=1.0), tmp_path)
     with StopSignals() as signals, ProcessGroup(tmp_path) as processes:
         recording = harness.Harness(scenario, processes, signals).run()
