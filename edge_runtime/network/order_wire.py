@@ -76,7 +76,7 @@ class Standing(msgspec.Struct, frozen=True):
     rate_hz: Finite
     """Over the last second; 0 in the first one."""
     nominal_rate_hz: Finite
-    version: int
+    version: Annotated[int, msgspec.Meta(ge=0, lt=2**32 - 1)]
     """Of the objectives that it follows."""
     digest: int
     stage: Stage

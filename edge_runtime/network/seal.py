@@ -51,6 +51,14 @@ class Refusal(enum.Enum):
     """Overtaken by a newer one."""
     REPLAYED = "replayed"
     """Too far behind the newest one to have been overtaken."""
+    TICK_LEAPS = "its tick of the team leaps"
+    SEQUENCE_LEAPS = "its sequence leaps"
+    RESTARTS = "it restarts again and again"
+    """Made with the key, and no robot's that is in order: it lies, or its memory is damaged."""
+
+
+DOUBTS: Final = (Refusal.TICK_LEAPS, Refusal.SEQUENCE_LEAPS, Refusal.RESTARTS)
+"""What a teammate is kept out for, until it says what it can have come to."""
 
 
 class FrameError(ValueError):

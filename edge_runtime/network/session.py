@@ -4,6 +4,9 @@ Frames of one boot are ordered by their sequence. A frame of another boot opens 
 answer to our challenge, a random number: it was made after we drew that number, by a holder of the key. So
 recordings of an earlier run are refused without synchronised clocks and without a file of what was seen.
 A challenge is answered once: the next boot has to answer a new one.
+
+Whoever holds the key can still say what nobody in order would. One such frame must not make later ones, true
+ones, look old: a sequence counts on with time, and nobody starts anew again and again.
 """
 
 import math
@@ -17,6 +20,11 @@ from edge_runtime.network.seal import FrameError, Refusal
 WINDOW: Final = 64
 """Sequences before the newest of which is known whether they were received."""
 _SEEN: Final = 2**WINDOW - 1
+FASTEST_HZ: Final = 1000.0
+"""At which anybody counts its frames."""
+LAST_SEQUENCE: Final = 2**63
+RESTART_S: Final = 0.5
+"""Nobody starts anew twice in this time."""
 
 
 class SessionFrame(Protocol):
@@ -74,22 +82,41 @@ class Session(Generic[AnyFrame]):
         self._nonce = nonce
         self._clock = RemoteClock()
         self._seen = 0
+        self._opened_s = self._arrival_s = -math.inf
 
     def admit(self, frame: AnyFrame, arrival_s: float) -> None:
-        """Take in an authentic frame from this process to us.
+        """Take in an authentic frame from this process to us; raises as `check`."""
+        self.check(frame, arrival_s)
+        self.take(frame, arrival_s)
+
+    def check(self, frame: AnyFrame, arrival_s: float) -> None:
+        """Judge an authentic frame from this process to us.
 
         Raises:
-            FrameError: if it is not newer than what is known, or opens a session without the answer.
+            FrameError: if it is not newer than what is known, opens a session without the answer, or leaps.
         """
         newest = self.newest
         if newest is None or frame.boot_id != newest.boot_id:
-            self._open(frame)
+            self._check_opening(frame, arrival_s)
+            most = LAST_SEQUENCE
         elif frame.sequence <= newest.sequence:
             raise FrameError(self._behind(newest.sequence - frame.sequence))
         else:
+            most = newest.sequence + WINDOW + int(FASTEST_HZ * max(0.0, arrival_s - self._arrival_s))
+        if frame.sequence > most:
+            raise FrameError(Refusal.SEQUENCE_LEAPS)
+
+    def take(self, frame: AnyFrame, arrival_s: float) -> None:
+        """Take in a frame that passed `check`."""
+        newest = self.newest
+        if newest is None or frame.boot_id != newest.boot_id:
+            self.challenge, self._opened_s = self._nonce(), arrival_s
+            self._clock = RemoteClock()
+            self._seen = 1
+        else:
             ahead = min(frame.sequence - newest.sequence, WINDOW)
             self._seen = (self._seen << ahead | 1) & _SEEN
-        self.newest, self.answer = frame, frame.challenge
+        self.newest, self.answer, self._arrival_s = frame, frame.challenge, arrival_s
         self._clock.heard(frame.stamp_s, arrival_s)
         self.measured_s = self._clock.local_s(frame.stamp_s)
 
@@ -97,14 +124,13 @@ class Session(Generic[AnyFrame]):
         """Return the age of the newest frame's content; infinite before the first."""
         return max(0.0, now_s - self.measured_s)
 
-    def _open(self, frame: AnyFrame) -> None:
+    def _check_opening(self, frame: AnyFrame, arrival_s: float) -> None:
         if frame.answer != self.challenge:
             if self.newest is None:  # it may be fresh: answering lets it prove that
                 self.answer = frame.challenge
             raise FrameError(Refusal.UNANSWERED)
-        self.challenge = self._nonce()
-        self._clock = RemoteClock()
-        self._seen = 1
+        if arrival_s < self._opened_s + RESTART_S:
+            raise FrameError(Refusal.RESTARTS)
 
     def _behind(self, distance: int) -> Refusal:
         if distance >= WINDOW:

@@ -16,8 +16,8 @@ from edge_runtime.common.bounds import GREATEST, is_motion
 from edge_runtime.messages import RobotState, Vector2
 from edge_runtime.network.seal import MAGIC_BYTES, TAG_BYTES, FrameError, Magic, Refusal, seal, unseal
 
-LAST_TICK: Final = 2**53
-"""No team gets there; counting on from a greater number would not fit the frame."""
+LAST_TICK: Final = 2**62
+"""No team gets there, also none with a member that leaps; counting on from there would not fit the frame."""
 _BODY: Final = struct.Struct("<HHI?3x8Q8d")
 FRAME_BYTES: Final = MAGIC_BYTES + _BODY.size + TAG_BYTES
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+from collections.abc import Iterator
 from typing import TextIO
 
 from edge_runtime.common.printable import printed
@@ -88,8 +89,15 @@ def summary(report: RunReport, *, colour: bool) -> str:
         *([("stopping", _stopping(report.stopping, colour))] if report.stopping else []),
     ]
     rows += [("complaint", text) for text in report.complaints]
+    rows += [("team", text) for text in _doubted(report)]
     title = f"robot {report.robot_id}, policy {report.policy} ({report.backend}), bridge {report.bridge}"
     return "\n".join([title, *(f"  {name:<12}{text}" for name, text in rows)])
+
+
+def _doubted(report: RunReport) -> Iterator[str]:
+    """Name the robots that lied, or whose memory is damaged."""
+    for robot_id, frames in report.fleet.doubted.items() if report.fleet else ():
+        yield f"robot {robot_id} was kept out: {frames} frames as no robot in order sends them"
 
 
 def _objectives(report: RunReport) -> str:

@@ -10,7 +10,7 @@ from edge_runtime.common.closing import Closing
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.datagrams import Datagram
-from edge_runtime.network.seal import FrameError, Magic, Refusal
+from edge_runtime.network.seal import DOUBTS, FrameError, Magic, Refusal
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.team_wire import decode, encode
 from edge_runtime.network.udp import Carrier
@@ -183,9 +183,16 @@ class NetworkTeam(Closing):
             raise FrameError(Refusal.MISDIRECTED)
         if datagram.sender not in (None, peer.robot_id):
             raise FrameError(Refusal.IMPERSONATED)
-        peer.admit(frame, datagram.arrival_s)
-        self._tick.heard(frame.tick)
-        self._orders.heard(frame.versions)
+        try:
+            peer.check(frame, datagram.arrival_s)
+            self._tick.hear(peer.robot_id, frame.tick, now_s)
+        except FrameError as error:
+            if error.cause in DOUBTS:
+                peer.doubt = error.cause.value
+                self._traffic.doubted[peer.robot_id] += 1
+            raise
+        peer.take(frame, datagram.arrival_s)
+        self._orders.heard(frame.versions, self._tick.number)
         self._traffic.accepted += 1
         self._traffic.message_ages.add(peer.age_s(now_s))
 
@@ -203,15 +210,21 @@ class NetworkTeam(Closing):
     def _fault(self, heard: Sequence[Teammate], near: Sequence[Teammate], unheard: Sequence[int]) -> str:
         rules = self._rules
         if len(near) < rules.nearest:
-            return f"waits for robots {', '.join(map(str, unheard))}: not heard yet"
+            return f"waits for robots {', '.join(map(str, unheard))}: not heard yet{self._doubts(unheard)}"
         if other := self._disagreement(near):
             return other
         if heard and min(mate.age_s for mate in heard) > rules.alone_s:
             return f"no teammate was heard for {rules.alone_s:g} s"
         for mate in near:
             if mate.age_s > rules.missing_s:
-                return f"robot {mate.state.robot_id} was not heard for {rules.missing_s:g} s"
+                robot_id = mate.state.robot_id
+                return f"robot {robot_id} was not heard for {rules.missing_s:g} s{self._doubts([robot_id])}"
         return ""
+
+    def _doubts(self, silent: Sequence[int]) -> str:
+        """Name those of the silent whose frames come, and are not believed."""
+        told = {robot_id: doubt for robot_id in silent if (doubt := self._peers[robot_id].doubt)}
+        return "".join(f"; robot {robot_id} is kept out: {doubt}" for robot_id, doubt in told.items())
 
     def _disagreement(self, near: Sequence[Teammate]) -> str:
         """Count who follows other objectives; a reason not to drive only until all have once agreed."""

@@ -20,6 +20,8 @@ from edge_runtime.network.team_wire import GuideVersions
 
 VALID_S: Final = 10.0
 """No operator sends an order that holds for longer."""
+MOST_LEAD: Final = 60_000
+"""Ticks from a commitment to its tick; no operator plans farther ahead."""
 HOLD_S: Final = 10.0
 """How long an accepted proposal keeps another operator's out, if nobody commits it."""
 STACK_BYTES: Final = 2**20
@@ -121,18 +123,19 @@ class Orders:
             self.stop_reason = STOPPED
         elif isinstance(order, Propose) and proposal is None and order.session != self._session:
             return self._consider(order, now_s)
-        elif isinstance(order, Commit) and proposal and proposal.stage == "accepted":
-            proposal.commit_tick = order.tick
+        elif isinstance(order, Commit) and proposal and proposal.guide is not None:
+            # What a teammate told of the commitment must not put it off.
+            proposal.commit_tick = min(order.tick, proposal.commit_tick or order.tick)
         elif isinstance(order, Abort) and proposal and proposal.commit_tick is None:
             self._proposal = None
         return ""
 
-    def heard(self, teammate: GuideVersions) -> None:
-        """Learn from a teammate's frame whether what was accepted is committed, or followed already."""
+    def heard(self, teammate: GuideVersions, tick: int) -> None:
+        """Learn from a teammate's frame, at a tick, whether what was accepted is committed, or followed."""
         proposal = self._proposal
         if proposal is None or proposal.guide is None or proposal.commit_tick is not None:
             return
-        if teammate.next_tick and teammate.next_digest == proposal.guide.digest:
+        if 0 < teammate.next_tick <= tick + MOST_LEAD and teammate.next_digest == proposal.guide.digest:
             proposal.commit_tick = teammate.next_tick
         elif (teammate.version, teammate.digest) == (proposal.guide.version, proposal.guide.digest):
             proposal.commit_tick = 1

@@ -20,6 +20,13 @@ class Peer(Session[Frame]):
     def __init__(self, robot_id: int, nonce: Callable[[], int] = random_nonce) -> None:
         super().__init__(nonce)
         self.robot_id = robot_id
+        self.doubt = ""
+        """Why it is kept out, if it is."""
+
+    def take(self, frame: Frame, arrival_s: float) -> None:
+        """Take in a frame that passed every check."""
+        super().take(frame, arrival_s)
+        self.doubt = ""
 
     def teammate(self, now_s: float) -> Teammate:
         """Return its newest state, stamped in our clock; there must be one."""

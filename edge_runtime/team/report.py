@@ -30,6 +30,8 @@ class FleetReport(msgspec.Struct, frozen=True):
     """What this robot follows: 0 is what it was started with."""
     disagreed: dict[int, int]
     """Ticks in which a neighbour followed other objectives, by its id."""
+    doubted: dict[int, int]
+    """Frames made with the key that nobody in order sends, by their robot's id; it was kept out."""
 
 
 class Ages:
@@ -68,6 +70,7 @@ class Traffic:
         self.refused: Counter[str] = Counter()
         self.masked: Counter[int] = Counter()
         self.disagreed: Counter[int] = Counter()
+        self.doubted: Counter[int] = Counter()
         self.message_ages = Ages()
         self.used_ages = Ages()
 
@@ -86,4 +89,5 @@ class Traffic:
             dict(objectives_version),
             own_version,
             dict(self.disagreed),
+            dict(self.doubted),
         )

@@ -1,5 +1,17 @@
 """One number for the same control period on every robot of a team, without synchronised clocks."""
 
+import math
+from typing import Final
+
+from edge_runtime.network.seal import FrameError, Refusal
+
+STEP: Final = 1000
+"""A teammate may be ahead by so many ticks at any time: those of a second, at most."""
+LEAP: Final = 2**32
+"""And by so many where teams meet: those of a year at 100 Hz. Adopting them does no harm."""
+LEAP_S: Final = 1.0
+"""A teammate leaps once in this time; one that leaps on is kept out, and its numbers with it."""
+
 
 class TeamTick:
     """Numbers the team's ticks: a robot counts its own periods and never stays behind what it hears.
@@ -10,6 +22,11 @@ class TeamTick:
     slow, or that ticks at a lower rate, skips numbers: what is agreed for a tick happens at the first tick
     of that number or above.
 
+    Numbers only rise, so one too high for anybody to count on from would be the end of the team's frames.
+    Whom to believe when one is far ahead, the one or the rest, cannot be told: who starts alone and is joined
+    hours later is right. So leaps are adopted, but neither so long nor so often that they lead anywhere near
+    the last number; robots that adopted one still hear each other, for each of them leaps once.
+
     Args:
         period_s: the robot's control period.
     """
@@ -18,6 +35,7 @@ class TeamTick:
         self.number = 0
         self._period_s = period_s
         self._zero_s: float | None = None
+        self._leaped_s: dict[int, float] = {}
 
     def advance(self, now_s: float) -> None:
         """Begin a tick; ``now_s`` is monotonic. Waking late by less than half a period changes nothing."""
@@ -25,9 +43,17 @@ class TeamTick:
             self._zero_s = now_s
         self.number = max(self.number, round((now_s - self._zero_s) / self._period_s))
 
-    def heard(self, number: int) -> None:
-        """Take in a teammate's number; after the first `advance`."""
+    def hear(self, robot_id: int, number: int, now_s: float) -> None:
+        """Take in a teammate's number; after the first `advance`.
+
+        Raises:
+            FrameError: if the teammate leaps farther or more often than anybody in order.
+        """
         ahead = number - self.number
+        if ahead > STEP:
+            if ahead > LEAP or now_s < self._leaped_s.get(robot_id, -math.inf) + LEAP_S:
+                raise FrameError(Refusal.TICK_LEAPS)
+            self._leaped_s[robot_id] = now_s
         if ahead > 0 and self._zero_s is not None:
             self._zero_s -= ahead * self._period_s
             self.number = number

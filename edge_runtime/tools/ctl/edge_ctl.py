@@ -43,7 +43,7 @@ def make_parser() -> CommandParser:
     parser = CommandParser("edge-ctl", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("action", choices=("status", "objectives", "stop"))
-    add("file", nargs="?", type=Path, metavar="FILE", help="TOML: [[objectives]] and [guidance]")
+    add("file", nargs="?", type=Path, metavar="FILE", help="TOML of up to 8 KiB: [[objectives]], [guidance]")
     add("--fleet", type=Path, required=True, metavar="FILE", help="the team's fleet file")
     add("--key-file", type=Path, metavar="FILE", help="operator's key; default: the one that the fleet names")
     add("--timeout", type=TIMEOUT, default=3.0, metavar="S", help="wait for answers this long (default: 3)")

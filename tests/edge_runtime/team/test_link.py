@@ -84,7 +84,7 @@ def test_a_restarted_robot_is_heard_again_whatever_its_clock_says():
     world.offset_s[2] -= 3600.0
     world.network.queues[2].clear()
     world.teams[2] = world.make(2, nonces=itertools.count(77))
-    *_, last = world.ticks(6)
+    *_, last = world.ticks(30)
     assert [ids(view) for view in last.values()] == [[1, 2], [0, 2], [0, 1]]
     assert all(mate.age_s <= 2 * PERIOD_S for view in last.values() for mate in view.teammates)
 
@@ -198,6 +198,66 @@ def test_the_objectives_version_rides_in_every_frame():
     orders.guide = replace(orders.guide, version=7)
     world.ticks(5)
     assert world.teams[0].report().objectives_version == {1: 0, 2: 7}
+
+
+def tick_far_ahead(team, _number):
+    team._tick.number = 2**53
+
+
+def tick_that_leaps(team, _number):
+    team._tick.number += 2**32
+
+
+def sequence_at_its_end(team, _number):
+    team._sequence = 2**64 - 2
+
+
+def boot_after_boot(team, number):
+    team._boot_id = 10**6 + number
+
+
+LIES = [
+    (tick_far_ahead, "its tick of the team leaps"),
+    (tick_that_leaps, "its tick of the team leaps"),
+    (sequence_at_its_end, "its sequence leaps"),
+    (boot_after_boot, "it restarts again and again"),
+]
+
+
+@pytest.mark.parametrize("lie, named", LIES)
+@pytest.mark.parametrize("once", [False, True])
+def test_a_member_that_lies_costs_the_others_nothing(lie, named, once):
+    """With the right key; once, as a bit that flips in its memory does, or with every frame from then on."""
+    world = World(4, missing_s=1.0)
+    world.ticks(30)
+    liar, seen = world.teams[3], []
+    true = liar._tick.number, liar._sequence, liar._boot_id
+    for number in range(150):
+        if not (once and number):
+            lie(liar, number)
+        seen.append(world.tick())
+        if once and number == 0:
+            liar._tick.number, liar._sequence, liar._boot_id = true
+    views = [views[robot] for views in seen for robot in range(3)]
+    assert all({0, 1, 2} <= {view.own.robot_id, *ids(view)} for view in views)
+    report = world.teams[0].report()
+    assert set(report.doubted) <= {3}
+    ticks = [world.teams[robot].tick for robot in range(3)]
+    assert max(ticks) - min(ticks) <= 1
+    if once:
+        assert all(view.fault == "" for view in views)
+    else:
+        assert report.doubted[3] > 50
+        assert seen[-1][0].fault in ("", f"robot 3 was not heard for 1 s; robot 3 is kept out: {named}")
+
+
+def test_a_member_that_lied_from_the_start_is_named():
+    world = World(3)
+    for _ in range(30):
+        sequence_at_its_end(world.teams[2], 0)
+        views = world.tick()
+    assert views[0].fault == "waits for robots 2: not heard yet; robot 2 is kept out: its sequence leaps"
+    assert ids(views[0]) == [1]
 
 
 def test_a_state_that_is_not_finite_is_refused_and_its_robot_masked():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.network.order_wire import Abort, Ask, Commit, Propose, Stop, decode_answer, encode_order
+from edge_runtime.network.team_wire import GuideVersions
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.team.orders import HOLD_S
 
@@ -128,6 +129,18 @@ def test_a_commitment_cannot_be_aborted(ready):
     operator.tell(Abort)
     operator.tell(Commit, tick=tick + 1000)
     world.ticks(10)
+    assert versions(world) == {0: 1, 1: 1, 2: 1}
+
+
+@pytest.mark.parametrize("forged", [2**53, 50_000])
+def test_what_a_teammate_says_of_a_commitment_does_not_put_it_off(ready, forged):
+    world, operator = ready
+    operator.prepare()
+    orders = world.teams[0]._orders
+    digest = orders._proposal.guide.digest
+    orders.heard(GuideVersions(next_digest=digest, next_tick=forged), world.teams[0].tick)
+    operator.tell(Commit, tick=world.teams[0].tick + 10)
+    world.ticks(12)
     assert versions(world) == {0: 1, 1: 1, 2: 1}
 
 

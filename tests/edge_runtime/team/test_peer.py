@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.messages import RobotState
 from edge_runtime.network.seal import FrameError, Refusal
-from edge_runtime.network.session import WINDOW
+from edge_runtime.network.session import RESTART_S, WINDOW
 from edge_runtime.network.team_wire import Frame
 from edge_runtime.team.peer import Peer
 
@@ -24,9 +24,9 @@ def frame(peer, sequence, boot_id=BOOT, answer=None):
     )
 
 
-def fate(peer, frame):
+def fate(peer, frame, arrival_s=0.0):
     try:
-        peer.admit(frame, 0.0)
+        peer.admit(frame, arrival_s)
     except FrameError as error:
         return error.cause
     return None
@@ -73,12 +73,34 @@ def test_a_challenge_opens_one_session():
         (100 - WINDOW, Refusal.REPLAYED),
         (0, Refusal.REPLAYED),
         (101, None),
-        (2**64 - 1, None),
+        (100 + WINDOW, None),
+        (101 + WINDOW, Refusal.SEQUENCE_LEAPS),
+        (2**64 - 1, Refusal.SEQUENCE_LEAPS),
     ],
 )
 def test_sequences(peer, sequence, cause):
     assert fate(peer, frame(peer, sequence)) is cause
     assert peer.newest.sequence == (sequence if cause is None else 100)
+
+
+def test_one_frame_that_leaps_costs_the_later_ones_nothing(peer):
+    """Whoever made it: a robot whose memory is damaged, or another one with the key."""
+    assert fate(peer, frame(peer, 2**64 - 1)) is Refusal.SEQUENCE_LEAPS
+    assert fate(peer, frame(peer, 101)) is None
+    assert fate(Peer(1), frame(Peer(1), 2**63 + 1)) is Refusal.UNANSWERED
+    fresh = Peer(1)
+    assert fate(fresh, frame(fresh, 2**63 + 1)) is Refusal.SEQUENCE_LEAPS
+    assert fate(fresh, frame(fresh, 1)) is None
+
+
+def test_a_sequence_counts_on_while_nothing_is_heard(peer):
+    assert fate(peer, frame(peer, 100 + WINDOW + 50 * 3600), 3600.0) is None
+
+
+def test_nobody_starts_anew_with_every_frame(peer):
+    fates = [fate(peer, frame(peer, 1, boot), 0.02 * boot) for boot in range(BOOT + 1, BOOT + 101)]
+    assert set(fates) == {Refusal.RESTARTS, None}
+    assert fates.count(None) <= 0.02 * 111 / RESTART_S
 
 
 def test_a_frame_that_was_late_is_a_duplicate_the_second_time(peer):
@@ -91,7 +113,7 @@ def test_a_frame_that_was_late_is_a_duplicate_the_second_time(peer):
 @given(order=st.lists(st.integers(0, 200), min_size=1, max_size=100))
 def test_what_is_taken_is_ever_newer_and_every_fate_has_its_cause(order):
     """The oracle remembers everything."""
-    peer, had, newest = Peer(1), set(), -1
+    peer, had, newest, now_s = Peer(1), set(), -1, 0.0
     for sequence in order:
         behind = newest - sequence
         expected = None
@@ -99,9 +121,10 @@ def test_what_is_taken_is_ever_newer_and_every_fate_has_its_cause(order):
             expected = Refusal.REPLAYED
         elif behind >= 0:
             expected = Refusal.DUPLICATE if sequence in had else Refusal.REORDERED
-        assert fate(peer, frame(peer, sequence)) is expected
+        assert fate(peer, frame(peer, sequence), now_s) is expected
         newest = max(newest, sequence)
         had.add(sequence)
+        now_s += 1.0
         assert peer.newest.sequence == newest
 
 
@@ -116,7 +139,7 @@ def test_no_recording_outlives_our_restart(delivered, restarts):
     recorded = {}
     for boot in range(3):
         recorded.update({(boot, sequence): frame(peer, sequence, boot) for sequence in range(10)})
-        peer.admit(recorded[boot, 0], 0.0)
+        peer.admit(recorded[boot, 0], float(boot))
     peer = Peer(1, lambda: next(nonces))
     for step, which in enumerate(delivered):
         if step in restarts:
