@@ -1,13 +1,12 @@
 """The objectives file: TOML, validated once, and the import of the user's own code that it names."""
 
-import importlib
-import sys
 from collections.abc import Collection
 from pathlib import Path
 
 import msgspec
 
 from edge_runtime.common.bounds import MOST_OBJECTIVES
+from edge_runtime.common.own_code import import_own
 from edge_runtime.common.signals import is_interrupt
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
 from edge_runtime.errors import ConfigError
@@ -134,13 +133,10 @@ def own_objective(name: str, folder: Path, source: str) -> type[Objective]:
     module_name, _, class_name = name.partition(":")
     if not (module_name and class_name):
         raise ConfigError(f"{source}: {name!r} is not of the form module:Class")
-    sys.path.insert(0, str(folder))
     try:
-        kind = getattr(importlib.import_module(module_name), class_name)
+        kind = getattr(import_own(module_name, folder), class_name)
     except BaseException as error:  # a user's module may fail in any way while it is imported
         raise _own_fault(source, f"cannot import {name!r}", error) from error
-    finally:
-        sys.path.remove(str(folder))
     if not (isinstance(kind, type) and issubclass(kind, Objective)):
         raise ConfigError(f"{source}: {name!r} is not a subclass of edge_runtime.objectives.Objective")
     if kind.evaluate is Objective.evaluate:
