@@ -14,6 +14,7 @@ COMMANDS = {
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
     "modes": "benchmarks.paper.modes.modes_command",
+    "obstacles": "benchmarks.obstacles.obstacles_command",
     "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
     "pictures": "benchmarks.pictures",

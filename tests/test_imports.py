@@ -36,7 +36,7 @@ export.algorithms export.onnx export.scenarios
 export.training
 export
 benchmarks.common
-benchmarks.faults benchmarks.latency benchmarks.paper benchmarks.recording benchmarks.sil
+benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording benchmarks.sil
 benchmarks.paper.ablation benchmarks.paper.modes
 benchmarks
 """

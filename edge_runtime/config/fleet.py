@@ -12,6 +12,7 @@ from edge_runtime.config.objectives import make_objectives
 from edge_runtime.config.zenoh import check_zenoh
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.messages import Vector2
 
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""
@@ -39,6 +40,20 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
 
 
+class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A disc in the simulated world that no robot moves: a table ``[[obstacle]]``."""
+
+    centre_m: Vector2
+    """Where it is when the simulation begins."""
+    radius_m: float
+    velocity_m_s: Vector2 = (0.0, 0.0)
+    """At which it walks on, straight ahead, whoever stands in its way."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self, dict.fromkeys(("centre_m", "velocity_m_s"), (-GREATEST, GREATEST)))
+        check_bounds(self, {"radius_m": (1.0 / GREATEST, GREATEST)})
+
+
 class Fleet(msgspec.Struct, frozen=True):
     """A fleet file."""
 
@@ -51,6 +66,8 @@ class Fleet(msgspec.Struct, frozen=True):
     """The team's network; None if all its robots are simulated in one process."""
     watch: WatchSettings | None = None
     """Who watches the team; nobody where None."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """What stands and walks in the simulated world beside the robots."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -72,10 +89,11 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     guidance: GuidanceSettings = GuidanceSettings()
     carrier: CarrierSettings | None = None
     watch: WatchSettings | None = None
+    obstacle: tuple[Obstacle, ...] = ()
 
 
 def load_fleet(path: Path) -> Fleet:
-    """Read a fleet file: team, robots, objectives, guidance, carrier and watch.
+    """Read a fleet file: team, robots, objectives, guidance, carrier, watch and obstacles.
 
     Raises:
         ConfigError: names the file, the key and what is allowed.
@@ -91,5 +109,11 @@ def load_fleet(path: Path) -> Fleet:
             refuse(path, f"robots[{index}].id", f"{robot_id} is taken by robots[{ids.index(robot_id)}]")
     check_network(path, tables.carrier, tables.watch, tables.robots)
     check_zenoh(path, tables.carrier, tables.robots)
+    if len(tables.obstacle) > MOST_ROBOTS:
+        refuse(path, "obstacle", f"at most {MOST_ROBOTS} are allowed, got {len(tables.obstacle)}")
+    if tables.obstacle and tables.carrier is not None:
+        refuse(path, "obstacle", "means nothing with [carrier]: only a team simulated in one process has any")
     objective_set = ObjectiveSet(make_objectives(tables.objectives, path), tables.guidance)
-    return Fleet(path, tables.team, tables.robots, objective_set, tables.carrier, tables.watch)
+    return Fleet(
+        path, tables.team, tables.robots, objective_set, tables.carrier, tables.watch, tables.obstacle
+    )

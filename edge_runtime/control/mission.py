@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, Team
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
@@ -46,8 +47,9 @@ class Mission:
     """One robot's run in its team.
 
     Raises:
-        ConfigError: if the robot is not in the fleet, or two of the policy's discs would overlap at
-            their starts or goals.
+        ConfigError: if the robot is not in the fleet, two of the policy's discs would overlap at their
+            starts or goals, one would start within an obstacle, or an objective needs to see what the
+            robot cannot see.
     """
 
     robot_id: int
@@ -66,6 +68,8 @@ class Mission:
         self.fleet.robot(self.robot_id)
         self._check_apart("start_m")
         self._check_apart("goal_m")
+        self._check_obstacles()
+        self._check_sight(self.objective_set)
 
     @property
     def objectives(self) -> tuple[Objective, ...]:
@@ -94,6 +98,7 @@ class Mission:
         known = {type(one) for one in (*self.fleet.objective_set.objectives, *self.objective_set.objectives)}
         own = known.difference(BUILT_IN)
         asked = parse_objective_set(content, self.fleet.path.parent / Path(file).name, own)
+        self._check_sight(asked)
         return self._ready(asked)
 
     @cached_property
@@ -127,7 +132,8 @@ class Mission:
 
     def _ready(self, asked: ObjectiveSet) -> Guide:
         manifest = self.bundle.manifest
-        return make_guide(asked, manifest.dynamics, manifest.start, guided=self.guided)
+        sensor = manifest.body.sensor()
+        return make_guide(asked, manifest.dynamics, manifest.start, sensor, guided=self.guided)
 
     def _limits(self, robot: Robot, max_speed_m_s: float) -> RobotLimits:
         team, manifest = self.fleet.team, self.bundle.manifest
@@ -142,6 +148,37 @@ class Mission:
             max_state_age_s=team.max_state_age_s,
             max_speed_m_s=min(max_speed_m_s, robot.max_speed_m_s or math.inf),
         )
+
+    def _check_sight(self, asked: ObjectiveSet) -> None:
+        """Refuse objectives over obstacles where no sensor sees any."""
+        fleet, body = self.fleet, self.bundle.manifest.body
+        for objective in asked.objectives:
+            if not objective.sight_m:
+                continue
+            if objective.sight_m > body.lidar_range_m:
+                raise ConfigError(
+                    f"{objective.name} needs to see {objective.sight_m:g} m far, the policy's range sensor "
+                    f"sees {body.lidar_range_m:g} m (body.lidar_range_m): ask for less"
+                )
+            index = [robot.id for robot in fleet.robots].index(self.robot_id)
+            if fleet.carrier is not None and fleet.robots[index].ranges_place is None:
+                refuse(
+                    fleet.path,
+                    f"robots[{index}].ranges",
+                    f'"teammates" shows no obstacles, which {objective.name} needs to see; allowed: the '
+                    "address of a stream, such as 10.0.0.5:47100",
+                )
+
+    def _check_obstacles(self) -> None:
+        for index, obstacle in enumerate(self.fleet.obstacles):
+            least = obstacle.radius_m + self.bundle.manifest.body.radius_m
+            for robot in self.fleet.robots:
+                distance = math.dist(obstacle.centre_m, robot.start_m)
+                if distance < least:
+                    raise ConfigError(
+                        f"{self.fleet.path}: obstacle[{index}].centre_m: {distance:.3f} m from the start of "
+                        f"robot {robot.id}; their discs need at least {least:g} m"
+                    )
 
     def _check_apart(self, place: str) -> None:
         diameter = 2.0 * self.bundle.manifest.body.radius_m

@@ -75,7 +75,8 @@ def guided_action(
     if not math.isfinite(observation.sum()):
         return GuidedAction((0.0, 0.0), 0, fault="the observation is not finite")
     policy.observe(observation)
-    outlooks = [look_ahead(team, preview) for preview in guide.previews]
+    obstacles = guide.sensor.obstacles(team) if guide.sensor else ()
+    outlooks = [look_ahead(team, preview, obstacles) for preview in guide.previews]
     sampler, total = policy.sampler, policy.euler_steps
     most_steps = total if most_steps is None else most_steps
     if sampler is not None and sampler.knows(guide.projection, guide.kernel_terms):

@@ -11,6 +11,7 @@ import msgspec
 from edge_runtime.guidance.projection import Projection
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.motion.dynamics import Dynamics, Preview
+from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import FlowStart
 
@@ -44,12 +45,19 @@ class Guide(msgspec.Struct, frozen=True):
     """Deviation of the flow's start."""
     digest: int
     """See `digest_of`."""
+    sensor: RangeSensor | None = None
+    """By which readings are told from teammates; None where no objective is to see obstacles."""
     version: int = 0
     """0 is what the robot was started with; each set that the team agrees on has a higher one."""
 
 
 def make_guide(
-    asked: ObjectiveSet, dynamics: Dynamics, start: FlowStart = "noise", *, guided: bool = True
+    asked: ObjectiveSet,
+    dynamics: Dynamics,
+    start: FlowStart = "noise",
+    sensor: RangeSensor | None = None,
+    *,
+    guided: bool = True,
 ) -> Guide:
     """Make objectives ready for a robot.
 
@@ -57,6 +65,7 @@ def make_guide(
         asked: the objectives, and how they are to guide.
         dynamics: of the policy. Objectives look ahead in its control steps, whatever rate it is run at.
         start: what its flow was trained to start from.
+        sensor: the robot's range sensor, for objectives over obstacles.
         guided: False lets the flow alone: none of the objectives steers.
     """
     followed = asked if guided else msgspec.structs.replace(asked, objectives=())
@@ -77,6 +86,7 @@ def make_guide(
         requirements=tuple(m for m in places if not active[m].preference),
         start_noise=settings.start_noise if start == "noise" else 0.0,
         digest=digest_of(followed),
+        sensor=sensor,
     )
 
 

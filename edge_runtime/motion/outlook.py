@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from edge_runtime.messages import TeamState
+from edge_runtime.messages import TeamState, Vector2
 from edge_runtime.motion.dynamics import Preview
 
 
@@ -35,9 +35,12 @@ class Outlook(msgspec.Struct, frozen=True, gc=False):
     drift: PredictedMotion
     """The robot's own predicted motion under a zero action."""
     neighbours: tuple[Neighbour, ...]
+    obstacles: tuple[Vector2, ...] = ()
+    """Points that the robot's own range sensor sees of what is no teammate, nearest first; they are taken to
+    stand still. See `edge_runtime.motion.range_sensor.RangeSensor.obstacles`."""
 
 
-def look_ahead(team: TeamState, preview: Preview) -> Outlook:
+def look_ahead(team: TeamState, preview: Preview, obstacles: tuple[Vector2, ...] = ()) -> Outlook:
     """Predict one robot's drift and its neighbours' motion over a preview."""
     (x, y), (vx, vy) = team.own.position_m, team.own.velocity_m_s
     reach, keep = preview.position_decay, preview.velocity_decay
@@ -56,4 +59,4 @@ def look_ahead(team: TeamState, preview: Preview) -> Outlook:
                 keep * vy + push * uy,
             )
         )
-    return Outlook(team.own.robot_id, preview, drift, tuple(neighbours))
+    return Outlook(team.own.robot_id, preview, drift, tuple(neighbours), obstacles)

@@ -6,13 +6,14 @@ To add one, subclass `Objective` and write ``evaluate``.
 from edge_runtime.objectives.clustering import Clustering
 from edge_runtime.objectives.geofence import Geofence
 from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope
+from edge_runtime.objectives.obstacle_margin import ObstacleMargin
 from edge_runtime.objectives.passing import Passing
 from edge_runtime.objectives.safety_margin import SafetyMargin
 from edge_runtime.objectives.spacing import Spacing
 from edge_runtime.objectives.spatial_order import SpatialOrder
 from edge_runtime.objectives.speed_limit import SpeedLimit
 
-BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering, Passing)
+BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering, Passing, ObstacleMargin)
 """The objectives that configuration files can name by their ``type``."""
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Clustering",
     "Geofence",
     "Objective",
+    "ObstacleMargin",
     "Passing",
     "SafetyMargin",
     "Slope",

@@ -11,6 +11,8 @@ from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import Outlook, PredictedMotion, look_ahead
 from edge_runtime.objectives import Objective, Slope
 
+OBSTACLES = 2
+"""Points that the range sensor sees."""
 _STEP = 1e-6
 _TOLERANCE = 1e-4
 """Relative to the larger of the slope, the cost and one."""
@@ -34,7 +36,7 @@ def check_gradient(
     extent_m: float = 0.4,
     seed: int = 0,
 ) -> GradientReport:
-    """Compare slope and cost at random motions.
+    """Compare slope and cost at random motions, among random teammates and obstacles.
 
     Args:
         objective: what to check.
@@ -49,8 +51,10 @@ def check_gradient(
     """
     worst, active = 0.0, 0
     preview = dynamics.preview(objective.look_ahead)
+    draw = np.random.default_rng([seed, 1])
     for team in _random_teams(teammates, motions, extent_m, seed):
-        outlook = look_ahead(team, preview)
+        points = draw.uniform(-extent_m, extent_m, (OBSTACLES, 2)).tolist()
+        outlook = look_ahead(team, preview, tuple((x, y) for x, y in points))
         slope = objective.evaluate(outlook.drift, outlook)
         worst = max(worst, _slope_error(objective, outlook.drift, outlook, slope))
         active += any(slope[1:])

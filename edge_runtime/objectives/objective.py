@@ -65,6 +65,11 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """The name under which configuration and reports know this objective."""
         return str(self.__struct_config__.tag or type(self).__name__)
 
+    @property
+    def sight_m(self) -> float:
+        """How far from its centre the robot must see obstacles; 0 for one that does not look at them."""
+        return 0.0
+
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         raise NotImplementedError(f"{type(self).__name__} must define evaluate(motion, outlook)")

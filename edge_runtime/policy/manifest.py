@@ -1,10 +1,13 @@
 """What a bundle says about its policy: the records of ``manifest.json``, SI units throughout."""
 
+import math
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.policy.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/1"
@@ -38,6 +41,12 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
     lidar_range_m: float
     lidar_start_rad: float = 0.0
     """Direction of the first ray, from x counter-clockwise; the others follow evenly."""
+
+    def sensor(self) -> RangeSensor:
+        """Prepare its range sensor, which may have no rays."""
+        angle = self.lidar_start_rad + np.arange(self.lidar_rays) * (2.0 * math.pi / max(self.lidar_rays, 1))
+        rays = tuple(zip(np.cos(angle).tolist(), np.sin(angle).tolist(), strict=True))
+        return RangeSensor(rays, self.lidar_range_m, self.radius_m)
 
 
 class Network(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

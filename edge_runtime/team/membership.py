@@ -36,6 +36,10 @@ class FleetLink(Protocol):
         """Return the newest state of every teammate heard so far, with its age. Never blocks."""
         ...
 
+    def ranges_m(self) -> tuple[float, ...] | None:
+        """Return what the robot's range sensor read; None where there are only teammates to see."""
+        ...
+
 
 class TeamLink(Protocol):
     """A robot's link to its team: a context manager whose methods never block."""
@@ -93,6 +97,9 @@ class Alone:
         """Return nobody."""
         return ()
 
+    def ranges_m(self) -> None:
+        """Return nothing: a real sensor's readings come as a stream."""
+
 
 class LocalTeam(Closing):
     """The team of a robot whose teammates live in this process, or that has none."""
@@ -115,7 +122,7 @@ class LocalTeam(Closing):
 
     def team(self, own: RobotState) -> TeamState:
         """Return the team as it is."""
-        return TeamState(own, self._source.teammates())
+        return TeamState(own, self._source.teammates(), ranges_m=self._source.ranges_m())
 
     def share(self, own: RobotState, command: Command) -> None:
         """Tell nobody: whoever simulates the others knows already."""
@@ -133,8 +140,8 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     """
     fleet = mission.fleet
     if fleet.carrier is None:
-        if isinstance(local, Alone) and len(fleet.robots) > 1:
-            refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
+        if isinstance(local, Alone):
+            _check_alone(mission)
         return LocalTeam(local)
     settings = fleet.carrier
     key = team_key(fleet)
@@ -149,6 +156,18 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     desk = OrderDesk(orders, operator_key(fleet), carrier, mission.rate_hz)
     streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)
+
+
+def _check_alone(mission: Mission) -> None:
+    """Refuse what a robot without a network could not see, or only a simulated one."""
+    fleet = mission.fleet
+    if len(fleet.robots) > 1:
+        refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
+    if fleet.obstacles:
+        refuse(fleet.path, "obstacle", "means nothing on a real robot; take it away, or use --bridge sim")
+    for objective in mission.objectives:
+        if objective.sight_m:
+            refuse(fleet.path, "carrier", f"missing: it brings the ranges that {objective.name} needs to see")
 
 
 def _carrier(

@@ -9,6 +9,7 @@ from edge_runtime.common.closing import Closing
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector2
+from edge_runtime.motion.range_sensor import RangeSensor
 from firmware_bridge.simulation.plant import Plant
 
 REST: Vector2 = (0.0, 0.0)
@@ -25,6 +26,8 @@ class SimBridge(Closing):
         plant: the team, in the order of ``ids``.
         ids: every robot's id.
         mates: the other robots' controllers by id.
+        sensor: by which robots see each other and the plant's obstacles; None where there are only robots
+            to see, which everybody computes from their states.
         clock: monotonic time in seconds.
     """
 
@@ -39,11 +42,12 @@ class SimBridge(Closing):
         plant: Plant,
         ids: tuple[int, ...],
         mates: Mapping[int, Controller],
+        sensor: RangeSensor | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.robot_id = robot_id
         self.plant = plant
-        self._ids, self._mates, self._clock = ids, mates, clock
+        self._ids, self._mates, self._sensor, self._clock = ids, mates, sensor, clock
         self._actions = dict.fromkeys(ids, REST)
         self._team: dict[int, Teammate] = {}
 
@@ -63,6 +67,10 @@ class SimBridge(Closing):
         """The other robots' states in the same instant, with the actions that they commanded last."""
         return self._others(self.robot_id)
 
+    def ranges_m(self) -> tuple[float, ...] | None:
+        """What the robot's range sensor read in the same instant."""
+        return self._ranges(self.robot_id)
+
     def write(self, command: Command) -> None:
         """Move the robot by this command during the next period."""
         self._actions[self.robot_id] = command.action
@@ -75,7 +83,8 @@ class SimBridge(Closing):
         for robot_id, controller in self._mates.items():
             own = self._team[robot_id].state
             # These states are from this robot's last tick: fresh to whoever lives in simulated time.
-            command = controller.decide(TeamState(own, self._others(robot_id)), own.stamp_s)
+            view = TeamState(own, self._others(robot_id), ranges_m=self._ranges(robot_id))
+            command = controller.decide(view, own.stamp_s)
             self._actions[robot_id] = command.action
         self.plant.step([self._actions[robot_id] for robot_id in self._ids])
 
@@ -89,6 +98,13 @@ class SimBridge(Closing):
 
     def _others(self, robot_id: int) -> tuple[Teammate, ...]:
         return tuple(mate for other, mate in self._team.items() if other != robot_id)
+
+    def _ranges(self, robot_id: int) -> tuple[float, ...] | None:
+        if self._sensor is None:
+            return None
+        mates = [(*mate.state.position_m, self.plant.radius_m) for mate in self._others(robot_id)]
+        discs = [*mates, *self.plant.obstacles()]
+        return tuple(self._sensor.readings(self._team[robot_id].state.position_m, discs))
 
 
 def add_arguments(_parser: argparse.ArgumentParser) -> None:
@@ -108,5 +124,6 @@ def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
     robots = fleet.robots if fleet.carrier is None else (fleet.robot(mission.robot_id),)
     mates = {robot.id: mission.controller(robot.id) for robot in robots if robot.id != mission.robot_id}
     dynamics = manifest.dynamics.at_period(mission.period_s)
-    plant = Plant(dynamics, manifest.body.radius_m, [robot.start_m for robot in robots])
-    return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates)
+    plant = Plant(dynamics, manifest.body.radius_m, [robot.start_m for robot in robots], fleet.obstacles)
+    sensor = manifest.body.sensor() if fleet.obstacles else None
+    return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates, sensor)

@@ -65,11 +65,15 @@ def test_the_fleet_file_loads(page, robots, tmp_path):
 
 
 OBJECTIVES = [("speed_limit", "safety_margin"), ("spatial_order", "passing")]
+"""Of the page's first files; the last one is a fleet file."""
 
 
 def test_the_objectives_files_load_and_the_own_objective_passes_its_check(tmp_path, capsys):
     page = ROOT / "docs" / "objective.md"
-    for text, names in zip(blocks(page, "toml"), OBJECTIVES, strict=True):
+    *files, fleet = blocks(page, "toml")
+    (tmp_path / "team.toml").write_text(fleet)
+    assert len(load_fleet(tmp_path / "team.toml").obstacles) == 2
+    for text, names in zip(files, OBJECTIVES, strict=True):
         (tmp_path / "mine.toml").write_text(text)
         assert tuple(o.name for o in load_objective_set(tmp_path / "mine.toml").objectives) == names
     names = {"__name__": "stay_north", "check_gradient": check_gradient}

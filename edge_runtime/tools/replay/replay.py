@@ -70,13 +70,14 @@ class Replay:
         """Largest difference seen within the tolerance."""
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
         self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m)
-        self._policy, self._dynamics = policy, bundle.manifest.dynamics
+        self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
-        self._guide = make_guide(ObjectiveSet(), self._dynamics)
+        self.follow(ObjectiveSet())
 
     def follow(self, asked: ObjectiveSet) -> None:
         """Follow these objectives from here on."""
-        self._guide = make_guide(asked, self._dynamics)
+        dynamics, sensor = self._manifest.dynamics, self._manifest.body.sensor()
+        self._guide = make_guide(asked, dynamics, sensor=sensor)
 
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""

@@ -142,7 +142,7 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
     "text, expected",
     [
         ("robots = []", "robots: a fleet needs at least one robot"),
-        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch"),
+        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch, obstacle"),
         (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
         (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
         (ROBOTS.replace("3", "true"), "robots[0].id: Expected `int`, got `bool`"),
@@ -201,7 +201,18 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
             ROBOTS + '[watch]\naddress = "127.0.0.1:47900"',
             'watch: means nothing without [carrier]; add [carrier] key = "team.key"',
         ),
-        (ROBOTS + "[teem]", "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch"),
+        (
+            ROBOTS + "[teem]",
+            "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch, obstacle",
+        ),
+        (
+            ROBOTS + "[[obstacle]]\ncentre_m = [0, 0]",
+            "obstacle[0].radius_m: missing; allowed: centre_m, radius_m, velocity_m_s",
+        ),
+        (
+            ROBOTS + "[[obstacle]]\ncentre_m = [0, 0]\nradius_m = 0",
+            "obstacle[0]: `radius_m` must lie in [1e-06, 1e+06], got 0",
+        ),
         (ROBOTS + "[guidance]\nscale = inf", "guidance.scale: must be a finite number, got inf"),
     ],
 )
@@ -291,6 +302,11 @@ ADDRESS = "`address` must be one machine's IP and port, such as 10.0.0.12:47000,
         ),
         ("[carrier]", '[watch]\naddress = "all"\n[carrier]', f"watch: {ADDRESS}'all'"),
         ("[carrier]", "[watch]\n[carrier]", "watch.address: missing; allowed: address"),
+        (
+            "[carrier]",
+            "[[obstacle]]\ncentre_m = [5, 5]\nradius_m = 1\n[carrier]",
+            "obstacle: means nothing with [carrier]: only a team simulated in one process has any",
+        ),
     ],
 )
 def test_teams_that_do_not_hold_together(write, old, new, expected):

@@ -10,13 +10,14 @@ from edge_runtime.errors import GradientError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
-from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
+from edge_runtime.objectives import BUILT_IN, Objective, ObstacleMargin, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.objectives.gradient_check import check_gradient
 
 OBJECTIVES = [
     SpeedLimit(limit_m_s=0.3),
     SafetyMargin(distance_m=0.25),
     SafetyMargin(distance_m=0.6, look_ahead=8),
+    ObstacleMargin(distance_m=0.3),
 ]
 
 

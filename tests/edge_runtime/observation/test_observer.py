@@ -10,7 +10,7 @@ from observation_scenes import ROBOTS, TEAMS, scenes, vmas_observations
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.observation.observer import Observer, disc_ranges, ray_directions
+from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.manifest import ObservationField
 
 
@@ -67,7 +67,7 @@ def test_a_real_sensor_takes_the_place_of_the_computed_one():
 )
 @settings(max_examples=100, deadline=None)
 def test_readings_never_exceed_the_range_nor_depend_on_the_order(x, y, discs):
-    rays = [tuple(ray) for ray in ray_directions(MANIFEST.body).tolist()]
-    found = disc_ranges((x, y), discs, rays, MANIFEST.body)
-    assert found == disc_ranges((x, y), discs[::-1], rays, MANIFEST.body)
+    body = MANIFEST.body
+    found = body.sensor().readings((x, y), [(*disc, body.radius_m) for disc in discs])
+    assert found == body.sensor().readings((x, y), [(*disc, body.radius_m) for disc in discs[::-1]])
     assert all(-MANIFEST.body.radius_m <= reading <= MANIFEST.body.lidar_range_m for reading in found)

@@ -8,9 +8,11 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from bundles import MANIFEST
 from guidance_cases import DYNAMICS, Stepwise, guide_for, random_team
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from networks import ENGINES, needs_kernel, random_weights
 
 from edge_runtime.errors import PolicyError
@@ -19,7 +21,7 @@ from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.projection import PLANAR
 from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.objectives import BUILT_IN, SafetyMargin, SpeedLimit
+from edge_runtime.objectives import BUILT_IN, ObstacleMargin, SafetyMargin, SpeedLimit
 from edge_runtime.policy import backend
 from edge_runtime.policy import compiled_policy as kernel
 from edge_runtime.policy.backend import make_policy
@@ -81,11 +83,27 @@ def test_an_action_equals_numpys(make_compiled, mode, tolerance):
         np.testing.assert_allclose(found.action, expected.action, rtol=tolerance, atol=tolerance)
 
 
+def test_the_kernel_sees_the_obstacles_that_python_sees(make_compiled):
+    policy, sensor = make_compiled(random_weights(), 5), MANIFEST.body.sensor()
+    guide = replace(guide_for([ObstacleMargin(distance_m=0.3), SpeedLimit(limit_m_s=0.2)]), sensor=sensor)
+    steered = 0
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        observation = draw.standard_normal((1, 18)).astype(np.float32)
+        team = replace(random_team(draw), ranges_m=tuple(draw.uniform(0.0, 0.5, len(sensor.rays)).tolist()))
+        compiled = guided_action(policy, observation, team, guide)
+        python = guided_action(Stepwise(policy), observation, team, guide)
+        np.testing.assert_allclose(compiled.action, python.action, rtol=1e-4, atol=1e-5)
+        blind = guided_action(policy, observation, team, replace(guide, sensor=None))
+        steered += blind.action != compiled.action
+    assert steered > 10
+
+
 @needs_kernel
 def test_the_kernel_says_what_it_knows():
     module = load_kernel()
     assert set(module.PROJECTIONS) == set(PLANAR)
-    own = [vars(kind)["kernel_term"] for kind in BUILT_IN if "kernel_term" in vars(kind)]
+    own = {vars(kind)["kernel_term"] for kind in BUILT_IN if "kernel_term" in vars(kind)}
     assert sorted(module.TERMS) == sorted(own)
     assert (module.MAX_TERMS, module.MAX_LAYERS) == (32, 16)
 

@@ -11,7 +11,7 @@ from fleet_processes import UNREACHABLE, Process, hostile, mission, robot
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command, RobotState, Teammate
-from edge_runtime.team.membership import open_fleet
+from edge_runtime.team.membership import Alone, open_fleet
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))
 
@@ -32,12 +32,16 @@ class Simulated:
     def teammates(self):
         return (Teammate(RobotState(1, 0.0, (1.0, 0.0), (0.0, 0.0))),)
 
+    def ranges_m(self):
+        return (0.25,) * 12
+
 
 def test_without_a_carrier_the_team_is_the_local_one():
     with open_fleet(mission(DEFAULT_FLEET), Simulated()) as link:
         link.share(OWN, Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
         view = link.team(link.locate(OWN))
         assert (view.own, view.teammates, view.fault) == (OWN, Simulated().teammates(), "")
+        assert view.ranges_m == Simulated().ranges_m()
         assert link.report() is None
 
 
@@ -51,6 +55,31 @@ def test_the_rules_come_from_the_fleet_file(write):
             assert (rules.neighbours, rules.nearest) == (neighbours, nearest)
             assert (rules.stale_s, rules.alone_s, rules.missing_s) == (pytest.approx(0.06), 4.0, 5.0)
             assert link.team(link.locate(OWN)).teammates == ()
+
+
+KEEP_CLEAR = '[[objectives]]\ntype = "obstacle_margin"\ndistance_m = 0.2\n'
+ONE = "[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n"
+
+
+def test_a_robot_that_could_see_no_obstacles_is_not_asked_to_keep_clear_of_them(write, tmp_path):
+    path = write([robot(0), robot(1), KEEP_CLEAR])
+    with pytest.raises(
+        ConfigError, match=r'robots\[1\].ranges: "teammates" shows no obstacles, .*; allowed: the'
+    ):
+        mission(path, 1)
+    with pytest.raises(ConfigError, match=r"robots\[0\].ranges"):
+        mission(write([robot(0), robot(1)])).guide_of("new.toml", KEEP_CLEAR.encode())
+    mission(write([robot(0, 'ranges = "127.0.0.1:47101"'), KEEP_CLEAR])).guide()
+    alone = tmp_path / "alone.toml"
+    alone.write_text(ONE + KEEP_CLEAR)
+    open_fleet(mission(alone), Simulated())
+    with pytest.raises(
+        ConfigError, match="carrier: missing: it brings the ranges that obstacle_margin needs"
+    ):
+        open_fleet(mission(alone), Alone())
+    alone.write_text(ONE + "[[obstacle]]\ncentre_m = [1, 1]\nradius_m = 0.1\n")
+    with pytest.raises(ConfigError, match="obstacle: means nothing on a real robot"):
+        open_fleet(mission(alone), Alone())
 
 
 def test_a_robot_without_neighbours_waits_for_nobody(write):

@@ -5,7 +5,6 @@ import pytest
 import torch
 import vmas
 
-from edge_runtime.observation.observer import disc_ranges, ray_directions
 from export.scenarios import make_scenario
 from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
 from export.scenarios.scenario import EpisodeMetrics
@@ -73,8 +72,8 @@ def test_a_robot_computes_the_same_ranges():
     state = scenario.state_dict()
     scenario.load_state_dict({**state, "position": position})
     places = position.double().numpy()
-    rays = ray_directions(FACTS.body).tolist()
-    found = [disc_ranges(own, mates, rays, FACTS.body) for own, *mates in places.tolist()]
+    sensor, radius = FACTS.body.sensor(), FACTS.body.radius_m
+    found = [sensor.readings(own, [(*mate, radius) for mate in mates]) for own, *mates in places.tolist()]
     wanted = scenario.observe()[:, 0, 4:16].numpy()
     np.testing.assert_allclose(found, wanted, atol=1e-4)
     assert (wanted < FACTS.body.lidar_range_m).sum() > 500

@@ -117,3 +117,49 @@ def test_a_fleet_whose_discs_would_overlap_is_refused(tmp_path):
         ConfigError, match=r"robots\[1\].goal_m: 0.150 m from that of robot 0; .* at least 0.2 m"
     ):
         mission(fleet=load_fleet(path))
+
+
+WALL = """
+[[obstacle]]
+centre_m = [{}, 0]
+radius_m = 0.3
+[[objectives]]
+type = "obstacle_margin"
+distance_m = {}
+"""
+ALONE = "[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [2, 0]\n"
+
+
+def test_the_range_sensor_sees_obstacles_and_teammates(tmp_path):
+    path = tmp_path / "wall.toml"
+    path.write_text(
+        ALONE + "[[robots]]\nid = 1\nstart_m = [0, 0.3]\ngoal_m = [2, 1]\n" + WALL.format(0.5, 0.2)
+    )
+    run = mission(fleet=load_fleet(path))
+    with open_bridge(run) as bridge:
+        bridge.read()
+        readings = bridge.ranges_m()
+    assert readings[0] == pytest.approx(0.2)  # along x, at the obstacle
+    assert readings[3] == pytest.approx(0.2)  # along y, at the teammate
+    assert readings[6] == MANIFEST.body.lidar_range_m
+    with open_bridge(mission()) as bridge:
+        bridge.read()
+        assert bridge.ranges_m() is None
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "complaint"),
+    [
+        (WALL.format(0.3, 0.2), r"obstacle\[0\].centre_m: 0.300 m from the start of robot 0; .* least 0.4 m"),
+        (
+            WALL.format(1.0, 0.5),
+            "obstacle_margin needs to see 0.52 m far, .* sees 0.35 m .body.lidar_range_m.",
+        ),
+    ],
+)
+def test_obstacles_that_do_not_hold_together(obstacle, complaint, tmp_path):
+    path = tmp_path / "wall.toml"
+    path.write_text(ALONE + obstacle)
+    fleet = load_fleet(path)
+    with pytest.raises(ConfigError, match=complaint):
+        Mission(0, fleet, BUNDLE, fleet.objective_set, 10.0)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from bundles import MANIFEST
+from msgspec.structs import replace
 
+from edge_runtime.config.fleet import Obstacle
 from firmware_bridge.simulation.plant import Plant, contact_forces
 
 RADIUS_M = MANIFEST.body.radius_m
@@ -51,3 +53,25 @@ def test_one_second_is_one_second_at_any_period():
         for _ in range(round(1.0 / plant.dynamics.dt_s)):
             plant.step([[0.0, 0.0]])
     np.testing.assert_allclose(plants[0].velocity_m_s, plants[1].velocity_m_s, rtol=1e-9)
+
+
+def test_an_obstacle_pushes_as_a_robot_does_and_is_not_pushed():
+    """The force on a robot is the same, whatever stands in its way; both touches are told."""
+    between = Plant(MANIFEST.dynamics, RADIUS_M, [[0.0, 0.0], [0.15, 0.1]])
+    before = Plant(MANIFEST.dynamics, RADIUS_M, [[0.0, 0.0]], [Obstacle((0.15, 0.1), RADIUS_M)])
+    force = contact_forces(between.position_m, RADIUS_M)[0]
+    before.dynamics = replace(before.dynamics, substeps=1)
+    before.step([[0.0, 0.0]])
+    np.testing.assert_allclose(before.velocity_m_s[0], 0.1 * force)
+    assert before.obstacles() == [(0.15, 0.1, RADIUS_M)]
+    between.step(np.zeros((2, 2)))
+    assert before.touched == between.touched == {(0, 1)}
+
+
+def test_an_obstacle_walks_on_and_what_is_free_of_it_is_not_touched():
+    plant = Plant(MANIFEST.dynamics, RADIUS_M, [[0.0, 0.0]], [Obstacle((1.0, 0.0), 0.2, (0.0, -0.5))])
+    for _ in range(20):
+        plant.step([[0.0, 0.0]])
+    np.testing.assert_allclose(plant.obstacle_m, [[1.0, -1.0]])
+    assert not plant.touched
+    assert not plant.position_m.any()

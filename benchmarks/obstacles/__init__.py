@@ -1,0 +1,1 @@
+"""Whether a team arrives past obstacles that no robot knows of."""
