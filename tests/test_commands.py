@@ -8,7 +8,9 @@ import sys
 from functools import partial
 
 import pytest
+from logs import record
 from paths import ROOT
+from ports import free_port
 
 import edge_runtime
 from edge_runtime.common.commands import COMMANDS
@@ -93,11 +95,10 @@ def name(request):
     return request.param.replace("-", "_")
 
 
-def shell(command, sinks):
+def shell(command, sinks, cwd=None):
     """Run a command whose streams go where a shell's redirections say."""
-    done = subprocess.run(
-        ["bash", "-c", f'"$@" {sinks}', "bash", *command], capture_output=True, text=True, check=False
-    )
+    line = ["bash", "-c", f'"$@" {sinks}', "bash", *map(str, command)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, cwd=cwd)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -120,6 +121,46 @@ def test_a_full_disk_under_the_output_is_one_line(name):
 
 def test_a_full_disk_under_the_complaints_changes_no_exit_code(name):
     assert shell([*script_of(name), "--no-such-flag"], "2> /dev/full") == (2, "", "")
+
+
+@pytest.fixture(scope="module")
+def at_work(tmp_path_factory):
+    """A folder, and command lines by command, which find there what they are asked about."""
+    folder = tmp_path_factory.mktemp("work")
+    (log,) = record(folder)
+    (folder / "team.key").write_bytes(bytes(range(32)))
+    (folder / "team.key").chmod(0o600)
+    places = [f"127.0.0.1:{free_port()[1]}" for _ in range(2)]
+    (folder / "team.toml").write_text(
+        f'[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\naddress = "{places[0]}"\n'
+        f'[carrier]\nkey = "team.key"\n[watch]\naddress = "{places[1]}"\n'
+    )
+    return folder, {
+        "edge_run": "--robot-id 0 --duration 0.1 --no-log",
+        "edge_doctor": "--robot-id 0",
+        "edge_replay": log.name,
+        "edge_report": f"{log.name} -o page.html",
+        "edge_ctl": "status --fleet team.toml --timeout 0.1",
+        "edge_watch": "--fleet team.toml --once",
+    }
+
+
+@pytest.mark.parametrize("sinks", [">&-", "> /dev/full", "| true; exit ${PIPESTATUS[0]}"])
+@pytest.mark.parametrize(
+    "name", ["edge_run", "edge_doctor", "edge_replay", "edge_report", "edge_ctl", "edge_watch"]
+)
+def test_a_command_at_work_does_not_mind_what_becomes_of_its_text(at_work, name, sinks):
+    """But for its exit code, where the text is all that it was asked for."""
+    folder, words = at_work
+    command = [*script_of(name), *words[name].split()]
+    plain = subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode
+    code, shown, said = shell(command, sinks, cwd=folder)
+    assert shown == "" and "Traceback" not in said
+    if name == "edge_run" or sinks == ">&-":
+        assert code == plain
+    else:
+        assert code in (plain, 1)
+    assert said.count("\n") == (sinks == "> /dev/full" and name != "edge_run")
 
 
 INTERRUPT = """
