@@ -67,7 +67,8 @@ sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each
 budgets: $(DEV)/ready  ## The tick's speed, as ratios within one interleaved run
 	$(DEV)/bin/python -m benchmarks latency --short || test $$? -eq 3
 
-fuzz: $(DEV)/ready  ## A million malformed or random frames at each decoder; `make test` sends fewer
+fuzz: $(DEV)/ready  ## Thousands of hostile files, a million frames at each decoder; `make test` takes fewer
+	$(DEV)/bin/python $(PYTEST) tests/fuzz --fuzz
 	$(DEV)/bin/python -m pytest tests/firmware_bridge/can/test_codec.py -k junk --hypothesis-profile=fuzz
 	MAVLINK_FUZZ_CASES=1000000 $(DEV)/bin/python -m pytest tests/firmware_bridge/mavlink/test_codec.py -k fuzz
 

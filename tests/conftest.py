@@ -20,6 +20,11 @@ settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
 
 
+def pytest_addoption(parser):
+    """Add what `make fuzz` asks for."""
+    parser.addoption("--fuzz", action="store_true", help="make all cases of tests/fuzz, not a few of each")
+
+
 if importlib.util.find_spec("torch") is None:
     # A robot's environment: leave out what tests the workstation's side.
     modules = r"export|torch|vmas|onnx|matplotlib|benchmarks\.paper"

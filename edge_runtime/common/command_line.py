@@ -149,7 +149,8 @@ def check_output(flag: str, path: Path, inputs: Iterable[Path | None]) -> None:
     Raises:
         ConfigError: if it cannot, or is.
     """
-    if path.resolve() in [each.resolve() for each in inputs if each is not None]:
+    # pathlib's resolve raises for links that lead to one another.
+    if os.path.realpath(path) in [os.path.realpath(each) for each in inputs if each is not None]:
         raise ConfigError(f"{flag} {path}: would overwrite a file that is read; name another one")
     check_writable(path, f"{flag} {path}")
 

@@ -5,18 +5,20 @@ from typing import Final, TypeVar
 import msgspec
 
 T = TypeVar("T")
-_LONGEST: Final = 1000
+_LONGEST: Final = 2000
+"""Characters; what is longer tells nobody more."""
 
 
 def printable(text: str) -> str:
-    """Replace what a terminal might take for a command, or for the end of the line."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    """Replace what a terminal might take for a command, or for the end of the line; cut what has no end."""
+    shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return "".join(letter if letter.isprintable() else "?" for letter in shown)
 
 
 def first_line(error: BaseException) -> str:
     """Return what an error of somebody else's says, as one printable line of bounded length."""
     lines = str(error).strip().splitlines() or ["no reason given"]
-    return printable(lines[0][:_LONGEST])
+    return printable(lines[0])
 
 
 def printed(value: T) -> T:

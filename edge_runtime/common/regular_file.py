@@ -25,7 +25,7 @@ def open_regular(path: Path, largest: int) -> BinaryIO:
     except ValueError as error:  # a NUL, or half of a character
         raise OSError(errno.EINVAL, "no file can have this name") from error
     try:
-        _check(os.fstat(file.fileno()), largest)
+        _check(file.fileno(), largest)
     except OSError:
         file.close()
         raise
@@ -42,10 +42,12 @@ def read_regular(path: Path, largest: int) -> bytes:
         return file.read(os.fstat(file.fileno()).st_size)
 
 
-def _check(status: os.stat_result, largest: int) -> None:
+def _check(descriptor: int, largest: int) -> None:
+    status = os.fstat(descriptor)
     if stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(status.st_mode):
+    # The system's own files have no size, whatever they yield; some never do.
+    if not stat.S_ISREG(status.st_mode) or (status.st_size == 0 and os.read(descriptor, 1)):
         raise OSError(errno.EINVAL, "not a regular file")
     if status.st_size > largest:
         raise OSError(errno.EFBIG, f"{status.st_size} bytes, at most {largest} are read")

@@ -1,5 +1,6 @@
 """The objectives file: TOML, validated once, and the import of the user's own code that it names."""
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def _objective(table: Table, path: Path, key: str, own: Collection[type[Objectiv
     if name in known:
         kind = known[name]
     elif ":" in name and own is None:
-        kind = own_objective(name, path.resolve().parent, f"{path}: {key}.type")
+        kind = own_objective(name, Path(os.path.realpath(path)).parent, f"{path}: {key}.type")
     elif ":" in name:
         refuse(
             path, f"{key}.type", f"{name!r} was not named by the files that the robot started with; {allowed}"

@@ -2,10 +2,12 @@
 
 import functools
 import sys
+from collections.abc import Iterator
 from typing import Final, Literal, get_args
 
 import numpy as np
 
+from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy
@@ -31,12 +33,14 @@ def make_policy(
             on stderr that says why.
 
     Raises:
-        PolicyError: if a number is below one, the backend is unknown, or ``compiled`` was asked for and
-            the kernel is missing, cannot hold the network or does not agree with numpy.
+        PolicyError: if a number is below one, the backend is unknown, the network computes what is not
+            finite, or ``compiled`` was asked for and the kernel is missing, cannot hold the network or does
+            not agree with numpy.
     """
     if backend not in BACKENDS:
         raise PolicyError(f"backend {backend!r} is not one of {', '.join(BACKENDS)}")
     reference = FlowPolicy(weights, euler_steps, batch)
+    _check_finite(reference)
     if backend == "numpy":
         return reference
     try:
@@ -50,14 +54,23 @@ def make_policy(
     return compiled
 
 
-def _check_agreement(policy: CompiledPolicy, reference: FlowPolicy) -> None:
+def _steps(policy: FlowPolicy | CompiledPolicy) -> Iterator[Array]:
+    """What a policy computes from ordinary inputs at each flow time."""
     rng = np.random.default_rng(0)
-    for k in range(reference.euler_steps):
-        observation = rng.standard_normal((reference.batch, reference.observation_dim), np.float32)
-        action = rng.standard_normal((reference.batch, reference.action_dim), np.float32)
-        policy.observe(observation)
-        reference.observe(observation)
-        found, expected = policy.step(k, action), reference.step(k, action)
+    for k in range(policy.euler_steps):
+        policy.observe(rng.standard_normal((policy.batch, policy.observation_dim), np.float32))
+        yield policy.step(k, rng.standard_normal((policy.batch, policy.action_dim), np.float32))
+
+
+def _check_finite(policy: FlowPolicy) -> None:
+    """Refuse weights that are finite each, and too large together."""
+    with np.errstate(all="ignore"):
+        if not all(np.isfinite(step).all() for step in _steps(policy)):
+            raise PolicyError("the policy's network computes numbers that are not finite; train it again")
+
+
+def _check_agreement(policy: CompiledPolicy, reference: FlowPolicy) -> None:
+    for found, expected in zip(_steps(policy), _steps(reference), strict=True):
         difference, size = float(np.abs(found - expected).max()), float(np.abs(expected).max())
         if not difference <= _TOLERANCE * max(1.0, size):
             raise PolicyError(

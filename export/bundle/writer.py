@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,7 +33,7 @@ def bundle_draft(target: Path, *, force: bool = False) -> Iterator[Path]:
     Raises:
         ConfigError: if ``target`` exists and is no bundle or ``force`` is not set, or cannot be written.
     """
-    target = target.resolve()
+    target = Path(os.path.realpath(target))
     _require_replaceable(target, force)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

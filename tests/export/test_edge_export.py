@@ -8,7 +8,8 @@ import onnx
 import pytest
 import torch
 from torch import nn
-from velocity_nets import Mlp, Normed, autograd, export, graph_of
+from velocity_graphs import graph_of
+from velocity_nets import Mlp, Normed, autograd, export
 
 from edge_runtime.policy.bundle import load_bundle
 from export import edge_export as export_policy

@@ -1,11 +1,8 @@
-"""Velocity networks as other people build them in torch, their ONNX exports, and hand-made graphs."""
+"""Velocity networks as other people build them in torch, and their ONNX exports."""
 
 import warnings
 
-import numpy as np
-import onnx
 import torch
-from onnx import TensorProto, helper
 from torch import nn
 
 OBSERVATION = 7
@@ -95,19 +92,3 @@ def autograd(net, action, tau, observation):
 
     jacobian = torch.func.vmap(torch.func.jacrev(one))(action, tau, observation)
     return net(action, tau, observation).detach().numpy(), jacobian.detach().numpy()
-
-
-def graph_of(*nodes, constants=None, opset=17):
-    """A graph over action (n, 2), tau (n, 1) and observation (n, 2) that computes velocity."""
-    sizes = {"action": 2, "tau": 1, "observation": 2}
-    graph = helper.make_graph(
-        nodes,
-        "test",
-        [
-            helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
-            for name, size in sizes.items()
-        ],
-        [helper.make_tensor_value_info("velocity", TensorProto.FLOAT, ["batch", 2])],
-        [onnx.numpy_helper.from_array(np.array(c), name) for name, c in (constants or {}).items()],
-    )
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)

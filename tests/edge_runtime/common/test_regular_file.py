@@ -35,8 +35,13 @@ def test_what_never_ends_or_never_begins(tmp_path):
         assert complaint(path) == "not a regular file"
 
 
-def test_files_without_a_size_yield_nothing():
-    assert read_regular(Path("/proc/self/status"), 100) == b""
+def test_files_of_the_systems_own_have_no_size():
+    assert complaint("/proc/self/status") == "not a regular file"
+
+
+def test_an_empty_file_is_one(tmp_path):
+    (tmp_path / "empty").touch()
+    assert read_regular(tmp_path / "empty", 0) == b""
 
 
 def test_what_is_missing_is_told_as_the_system_does(tmp_path):

@@ -1,5 +1,6 @@
 """The compiled kernel beside numpy, and what happens where it cannot be used."""
 
+import dataclasses
 import math
 import shutil
 import time
@@ -343,3 +344,10 @@ def test_auto_takes_the_kernel_where_it_works():
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_kernel_is_built_where_a_compiler_is():
     assert ENGINES
+
+
+@pytest.mark.parametrize("asked", ["auto", "numpy"])
+def test_a_network_whose_numbers_overflow_is_refused(weights, asked):
+    large = dataclasses.replace(weights, matrices=tuple(1e30 * matrix for matrix in weights.matrices))
+    with pytest.raises(PolicyError, match="computes numbers that are not finite"):
+        backend.make_policy(large, 10, backend=asked)

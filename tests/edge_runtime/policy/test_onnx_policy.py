@@ -9,7 +9,7 @@ from bundle_files import MANIFEST, write_bundle
 from msgspec.structs import replace
 from networks import random_weights
 from onnx import TensorProto, helper
-from velocity_nets import graph_of
+from velocity_graphs import graph_of
 
 from edge_runtime.common.bounded_child import Bounds
 from edge_runtime.errors import PolicyError

@@ -7,7 +7,8 @@ import pytest
 import torch
 from onnx import TensorProto, helper
 from torch import nn
-from velocity_nets import OBSERVATION, Mlp, autograd, export, graph_of
+from velocity_graphs import graph_of
+from velocity_nets import OBSERVATION, Mlp, autograd, export
 
 from edge_runtime.errors import PolicyError
 from export.bundle.parity import Inputs

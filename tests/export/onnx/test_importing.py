@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from onnx import TensorProto, helper
-from velocity_nets import Mlp, export, graph_of
+from velocity_graphs import graph_of
+from velocity_nets import Mlp, export
 
 from edge_runtime.common.bounded_child import Bounds
 from edge_runtime.errors import PolicyError

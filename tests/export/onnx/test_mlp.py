@@ -6,7 +6,8 @@ import pytest
 import torch
 from networks import random_weights
 from torch import nn
-from velocity_nets import OBSERVATION, Attention, Mlp, Normed, Residual, autograd, export, graph_of
+from velocity_graphs import graph_of
+from velocity_nets import OBSERVATION, Attention, Mlp, Normed, Residual, autograd, export
 
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.onnx.affine import NotAnMlpError
