@@ -14,7 +14,7 @@ from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.limits import RobotLimits
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.guide import Guide, make_guide
+from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation.observer import Observer
@@ -131,9 +131,7 @@ class Mission:
         )
 
     def _ready(self, asked: ObjectiveSet) -> Guide:
-        manifest = self.bundle.manifest
-        sensor = manifest.body.sensor()
-        return make_guide(asked, manifest.dynamics, manifest.start, sensor, guided=self.guided)
+        return guide_for(self.bundle.manifest, asked, guided=self.guided)
 
     def _limits(self, robot: Robot, max_speed_m_s: float) -> RobotLimits:
         team, manifest = self.fleet.team, self.bundle.manifest
@@ -157,8 +155,8 @@ class Mission:
                 continue
             if objective.sight_m > body.lidar_range_m:
                 raise ConfigError(
-                    f"{objective.name} needs to see {objective.sight_m:g} m far, the policy's range sensor "
-                    f"sees {body.lidar_range_m:g} m (body.lidar_range_m): ask for less"
+                    f"{self.bundle.directory}: body.lidar_range_m: {objective.name} needs to see "
+                    f"{objective.sight_m:g} m far; allowed with this sensor: {body.lidar_range_m:g} m"
                 )
             index = [robot.id for robot in fleet.robots].index(self.robot_id)
             if fleet.carrier is not None and fleet.robots[index].ranges_place is None:

@@ -13,7 +13,7 @@ from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.motion.dynamics import Dynamics, Preview
 from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.policy.manifest import FlowStart
+from edge_runtime.policy.manifest import FlowStart, Manifest
 
 
 class Guide(msgspec.Struct, frozen=True):
@@ -88,6 +88,11 @@ def make_guide(
         digest=digest_of(followed),
         sensor=sensor,
     )
+
+
+def guide_for(manifest: Manifest, asked: ObjectiveSet, *, guided: bool = True) -> Guide:
+    """Make objectives ready for a robot that runs a bundle's policy; see `make_guide`."""
+    return make_guide(asked, manifest.dynamics, manifest.start, manifest.body.sensor(), guided=guided)
 
 
 def digest_of(asked: ObjectiveSet) -> int:

@@ -19,7 +19,7 @@ from edge_runtime.config.objectives import make_objective_set, own_name
 from edge_runtime.control.limits import RobotLimits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.guide import make_guide
+from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
@@ -76,8 +76,7 @@ class Replay:
 
     def follow(self, asked: ObjectiveSet) -> None:
         """Follow these objectives from here on."""
-        dynamics, sensor = self._manifest.dynamics, self._manifest.body.sensor()
-        self._guide = make_guide(asked, dynamics, sensor=sensor)
+        self._guide = guide_for(self._manifest, asked)
 
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""

@@ -153,7 +153,7 @@ def test_the_range_sensor_sees_obstacles_and_teammates(tmp_path):
         (WALL.format(0.3, 0.2), r"obstacle\[0\].centre_m: 0.300 m from the start of robot 0; .* least 0.4 m"),
         (
             WALL.format(1.0, 0.5),
-            "obstacle_margin needs to see 0.52 m far, .* sees 0.35 m .body.lidar_range_m.",
+            "body.lidar_range_m: obstacle_margin needs to see 0.52 m far; allowed with this sensor: 0.35 m",
         ),
     ],
 )
