@@ -12,6 +12,7 @@ import msgspec
 
 from edge_runtime.common.key_file import read_private
 from edge_runtime.common.paths import named_file
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.config.network import TlsSettings
 from edge_runtime.errors import ConfigError
 
@@ -69,10 +70,12 @@ def _proven_name(files: TlsFiles) -> str:
     server, client = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     client.check_hostname = False  # robots change their addresses: the common name says who they are
     try:
+        read_regular(files.ca, _PEM_BYTES)  # a pipe would hold up the library
         client.load_verify_locations(files.ca)
     except OSError as error:  # ssl.SSLError is one
         raise ConfigError(f"carrier.tls.ca: {files.ca} cannot be used ({_cause(error)})") from error
     try:
+        read_regular(files.certificate, _PEM_BYTES)
         server.load_cert_chain(files.certificate, files.private_key, password="")
         subject = _shake_hands(server, client)
     except OSError as error:

@@ -4,9 +4,11 @@ import contextlib
 import fcntl
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.regular_file import open_regular
 from edge_runtime.errors import ConfigError
 
 _NAME: Final = re.compile(r"((?:(\d{6,})_)?\d{8}T\d{6}Z_robot\d+_[0-9a-f]{8})_(\d{3,})\.mcap")
@@ -90,7 +92,7 @@ def _size(path: Path) -> int:
 
 
 def _delete_unless_open(path: Path) -> bool:
-    with contextlib.suppress(OSError), path.open("rb") as file:
+    with contextlib.suppress(OSError), open_regular(path, sys.maxsize) as file:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         path.unlink()
         return True

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import torch
 
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import FlowStart, Training
 from export.algorithms.networks import Actor, FlowNetwork
@@ -16,6 +17,8 @@ from export.training.run_file import write_run_file
 
 CHECKPOINT = "checkpoint.pt"
 BEST = "best.pt"
+LARGEST_FILE = 1 << 30
+"""Bytes of a checkpoint; those of the tasks here have a thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ def load(path: Path) -> dict[str, Any]:
         ConfigError: if the file is missing or damaged.
     """
     try:
-        return torch.load(path, map_location="cpu", weights_only=True)
+        content = io.BytesIO(read_regular(path, LARGEST_FILE))
+        return torch.load(content, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise ConfigError(f"{path} does not exist: name the --out directory of an edge-train run") from None
     except (RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError, OSError) as error:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from edge_runtime.common.durable_file import replace_durably
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import BridgeError, ConfigError
 
 SIGNATURE_BYTES = 13
@@ -25,6 +26,7 @@ RESERVE_TICKS = 300 * TICKS_PER_S
 
 _EPOCH_2015_S = 1_420_070_400
 _LARGEST_TICK = 2**48 - 1
+_LARGEST_FILE = 100
 
 
 class SignatureCheck(enum.Enum):
@@ -77,7 +79,7 @@ class Timestamps:
 
     def _load(self) -> int:
         try:
-            return int(self._path.read_text("ascii"))
+            return int(read_regular(self._path, _LARGEST_FILE).decode("ascii"))
         except FileNotFoundError:
             return 0
         except (OSError, ValueError) as error:

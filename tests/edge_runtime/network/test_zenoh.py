@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import random
 import shutil
 import socket
@@ -95,6 +96,11 @@ def all_heard(seen):
 
 
 # Certificates, by the openssl command as docs/security.md shows it.
+
+
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
 
 
 def issue(folder, name, ca="ca"):
@@ -354,6 +360,9 @@ def test_without_the_extra_it_is_refused_in_one_line(write, monkeypatch):
         (lambda at: (at / "robot-0.pem").unlink(), r"carrier.tls.certificate: .* cannot be used .*No such"),
         (lambda at: (at / "ca.pem").unlink(), r"carrier.tls.ca: .* cannot be used \(No such file"),
         (lambda at: (at / "ca.pem").write_text("x"), r"carrier.tls.ca: .* cannot be used"),
+        (lambda at: pipe(at / "ca.pem"), r"carrier.tls.ca: .* cannot be used \(not a regular file"),
+        (lambda at: pipe(at / "robot-0.pem"), r"carrier.tls.certificate: .*not a regular file"),
+        (lambda at: pipe(at / "robot-0.key"), r"carrier.tls.private_key: .*not a regular file"),
         (
             lambda at: shutil.copy(at / "robot-1.pem", at / "robot-0.pem"),
             r"carrier.tls.certificate: .*MISMATCH",

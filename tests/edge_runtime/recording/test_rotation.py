@@ -193,3 +193,11 @@ def test_a_disk_that_takes_a_files_name_but_no_content_is_tried_again(run, tmp_p
     log.close()
     (path,) = tmp_path.iterdir()
     assert ticks(path)[-1].inputs.number == ticks_of(run)[-1].inputs.number
+
+
+def test_a_pipe_with_the_name_of_a_log_holds_nobody_up(tmp_path):
+    pipe, log = (tmp_path / file_name(run_name(number, "20260101T000000Z", 0, 0), 0) for number in (1, 2))
+    os.mkfifo(pipe)
+    log.write_bytes(bytes(1000))
+    make_room(tmp_path, 500)
+    assert [path.name for path in tmp_path.iterdir()] == [pipe.name]

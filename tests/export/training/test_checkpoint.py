@@ -38,6 +38,12 @@ def test_missing_run_and_foreign_checkpoint_are_refused(tmp_path):
         load_policy(tmp_path)
 
 
+def test_a_pipe_holds_nobody_up(tmp_path):
+    os.mkfifo(tmp_path / "best.pt")
+    with pytest.raises(ConfigError, match=r"best\.pt is damaged or not a checkpoint"):
+        load_policy(tmp_path)
+
+
 def test_pickled_code_is_not_executed(tmp_path):
     class Malicious:
         def __reduce__(self):

@@ -128,6 +128,11 @@ class TestTimestamps:
         with pytest.raises(ConfigError, match="restore it or delete it"):
             Timestamps(tmp_path / "timestamp", wall)
 
+    def test_a_pipe_in_its_place_holds_nobody_up(self, tmp_path, wall):
+        os.mkfifo(tmp_path / "timestamp")
+        with pytest.raises(ConfigError, match="not a regular file; restore it or delete it"):
+            Timestamps(tmp_path / "timestamp", wall)
+
     def test_the_last_ticks_of_all_are_not_used(self, tmp_path):
         last = 2**48 - 1 - RESERVE_TICKS
         assert Timestamps(tmp_path / "timestamp", Wall(last)).last == last
