@@ -1,4 +1,6 @@
-"""The tools that check this repository check what is there."""
+"""What tools and newcomers are told of this repository is there."""
+
+import re
 
 import msgspec
 import pytest
@@ -18,3 +20,9 @@ def test_every_file_that_a_tool_is_told_exists(tool):
 
 def test_what_is_covered_and_what_is_mutated_are_the_same():
     assert set(TOOLS["coverage"]["run"]["include"]) == set(TOOLS["mutmut"]["only_mutate"])
+
+
+def test_every_folder_that_a_newcomer_is_sent_to_exists():
+    rows = re.findall(r"^\| .* \| `(.*)` \|$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    assert len(rows) >= 20
+    assert [row for row in rows if not (ROOT / row).is_dir()] == []
