@@ -91,7 +91,8 @@ def animate(scenes: Sequence[Scene], path: Path) -> None:
         with mpl.rc_context({"text.parse_math": False}):
             _animate(scenes, path)
     except (OSError, subprocess.CalledProcessError) as error:
-        raise ConfigError(f"{path}: cannot be written ({first_line(error)})") from error
+        reason = getattr(error, "strerror", None) or first_line(error)
+        raise ConfigError(f"{path}: cannot be written ({reason})") from error
 
 
 def _animate(scenes: Sequence[Scene], path: Path) -> None:
