@@ -91,7 +91,7 @@ def run(job: Job) -> None:
         for command in job.commands():
             line = python_command(*command)
             if subprocess.run(line, stdout=log, stderr=log, check=False).returncode:  # noqa: S603  # ours
-                raise ConfigError(f"{job.directory}: {command[0]} failed, its last words are in {log.name}")
+                raise ConfigError(f"{job.directory}: {command[0]} failed, see the end of {log.name}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

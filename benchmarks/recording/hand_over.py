@@ -39,7 +39,7 @@ def measure_hand_over(rate: float, duration: float) -> HandOver:
                     timing.lap()
                 timing.end()
                 begin = time.perf_counter()
-                recorder.follow(deadline_s, team, observation, guided, command)
+                recorder.record(deadline_s, team, observation, guided, command)
                 spent.append(1e6 * (time.perf_counter() - begin))
             recorder.end("duration", failed=False)
     p50, p99 = np.percentile(spent[10:], [50.0, 99.0]).tolist()

@@ -106,7 +106,7 @@ def _bound(bounds: Bounds) -> None:
         hard = resource.getrlimit(limit)[1]
         value = value if hard == resource.RLIM_INFINITY else min(value, hard)
         resource.setrlimit(limit, (value, hard))
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a library's last words are in the parent's
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the parent says what ended the child
 
 
 def _ending(code: int, bounds: Bounds) -> str:

@@ -50,7 +50,7 @@ class Monitor:
         self._euler_steps = euler_steps
         self._settled_s = -math.inf
 
-    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+    def update(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Take one tick into account."""
         self.saw_itself = True
         self.settled = team.own.stamp_s >= self._settled_s

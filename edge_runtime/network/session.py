@@ -87,7 +87,7 @@ class Session(Generic[AnyFrame]):
     def admit(self, frame: AnyFrame, arrival_s: float) -> None:
         """Take in an authentic frame from this process to us; raises as `check`."""
         self.check(frame, arrival_s)
-        self.take(frame, arrival_s)
+        self.accept(frame, arrival_s)
 
     def check(self, frame: AnyFrame, arrival_s: float) -> None:
         """Judge an authentic frame from this process to us.
@@ -106,7 +106,7 @@ class Session(Generic[AnyFrame]):
         if frame.sequence > most:
             raise FrameError(Refusal.SEQUENCE_LEAPS)
 
-    def take(self, frame: AnyFrame, arrival_s: float) -> None:
+    def accept(self, frame: AnyFrame, arrival_s: float) -> None:
         """Take in a frame that passed `check`."""
         newest = self.newest
         if newest is None or frame.boot_id != newest.boot_id:

@@ -29,7 +29,7 @@ class Inbox:
         self._collected = self._taken = 0  # bytes; each is changed by one thread alone
         threading.Thread(target=self._collect, name="inbox", daemon=True).start()
 
-    def take(self) -> Iterator[bytes]:
+    def drain(self) -> Iterator[bytes]:
         """Yield what has been collected since the last time."""
         for _ in range(len(self._packets)):
             packet = self._packets.popleft()

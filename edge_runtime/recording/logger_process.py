@@ -31,8 +31,8 @@ def serve(inbox: Inbox, run: RunLog) -> None:
     over = False
     while not over:
         over = inbox.over.wait(PERIOD_S)
-        for packet in inbox.take():
-            run.take(decode_packet(packet))
+        for packet in inbox.drain():
+            run.write(decode_packet(packet))
         if not over:
             run.files.flush()
     run.close()

@@ -116,7 +116,7 @@ class Recorder:
         start = make_start(mission, controller, self._plan.run, bridge=bridge, dry_run=dry_run)
         self._send(encode_packet(start))
 
-    def follow(
+    def record(
         self,
         deadline_s: float,
         team: TeamState,

@@ -29,10 +29,10 @@ class RunLog:
         self._newest: Tick | None = None
         self._time_ns = 0
 
-    def take(self, record: Packet) -> None:
+    def write(self, record: Packet) -> None:
         """Write one record; `Start` comes first."""
         if isinstance(record, Tick):
-            self._take_tick(record)
+            self._write_tick(record)
         elif isinstance(record, Start):
             self._start = record
             self._time_ns = round(1e9 * record.started_unix_s)
@@ -45,7 +45,7 @@ class RunLog:
         elif isinstance(record, Complaint):
             self._tell(event(self._time_ns, WARNING, "firmware", record.text))
         else:
-            self._take_end(record)
+            self._write_end(record)
 
     def close(self) -> None:
         """Finish the newest file; a run that never began leaves none."""
@@ -59,7 +59,7 @@ class RunLog:
         if self._objectives is not None:
             file.add("objectives", self._objectives, self._time_ns)
 
-    def _take_tick(self, tick: Tick) -> None:
+    def _write_tick(self, tick: Tick) -> None:
         number, before = tick.inputs.number, self._newest
         self._newest, self._time_ns = tick, self._unix_ns(tick.inputs.deadline_s)
         for change in changes(before, tick, self._time_ns):
@@ -69,7 +69,7 @@ class RunLog:
         self.files.add("poses", team_poses(tick.state, self._time_ns), self._time_ns, number)
         self.files.count_tick()
 
-    def _take_end(self, end: End) -> None:
+    def _write_end(self, end: End) -> None:
         self._tell(event(self._time_ns, ERROR if end.failed else INFO, "stop", end.stop_reason))
         self.files.add("end", end, self._time_ns)
 

@@ -73,10 +73,10 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         timing.lap()
         timing.end()
         fleet.share(own, command)
-        monitor.follow(team, guided, command)
-        session.watch.follow(team, guided, command)
+        monitor.update(team, guided, command)
+        session.watch.tell(team, guided, command)
         if session.recorder:
-            session.recorder.follow(deadline_s, team, observation, guided, command)
+            session.recorder.record(deadline_s, team, observation, guided, command)
             for text in bridge.complaints[told:]:
                 session.recorder.complain(text)
             told = len(bridge.complaints)

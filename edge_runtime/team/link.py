@@ -14,7 +14,7 @@ from edge_runtime.network.seal import DOUBTS, FrameError, Magic, Refusal
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.team_wire import decode, encode
 from edge_runtime.network.udp import Carrier
-from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.peer import Peer
 from edge_runtime.team.report import FleetReport, Traffic
 from edge_runtime.team.streams import Streams
@@ -52,7 +52,7 @@ class NetworkTeam(Closing):
         rules: to whom it listens.
         carrier: takes the packets to them; closed on leaving the context.
         key: the team's.
-        desk: takes the operator's orders.
+        service: takes the operator's orders.
         streams: tell the robot's own pose and ranges.
         clock: monotonic time in seconds.
         nonce: draws the boot id and the challenges.
@@ -65,13 +65,13 @@ class NetworkTeam(Closing):
         rules: TeamRules,
         carrier: Carrier,
         key: bytes,
-        desk: OrderDesk,
+        service: OrderService,
         streams: Streams,
         clock: Callable[[], float],
         nonce: Callable[[], int] = random_nonce,
     ) -> None:
         self._robot_id, self._rules, self._carrier, self._key = robot_id, rules, carrier, key
-        self._desk, self._orders, self._streams = desk, desk.orders, streams
+        self._service, self._orders, self._streams = service, service.orders, streams
         self._clock, self._boot_id, self._sequence = clock, nonce(), 0
         self._peers = {other: Peer(other, nonce) for other in others}
         self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
@@ -83,7 +83,7 @@ class NetworkTeam(Closing):
 
     def close(self) -> None:
         """Leave the team."""
-        self._desk.close()
+        self._service.close()
         self._carrier.close()
 
     @property
@@ -100,14 +100,14 @@ class NetworkTeam(Closing):
         """Begin a tick: take what has arrived, and return the own state as the fleet wants it."""
         now = self._clock()
         self._tick.advance(now)
-        self._desk.begin(now, self._tick.number)
+        self._service.begin(now, self._tick.number)
         self._receive(now)
         self._streams.ask(now)
         if self._orders.change(self._tick.number):
             self._guide_tick, self._new_guide = self._tick.number, True
         located = self._streams.locate(bridge) if bridge else None
         if located is None:
-            self._desk.stop_reason = self._streams.fault(now) or "waits for the bridge's first state"
+            self._service.stop_reason = self._streams.fault(now) or "waits for the bridge's first state"
         return located
 
     def new_guide(self) -> Guide | None:
@@ -141,7 +141,7 @@ class NetworkTeam(Closing):
     def share(self, own: RobotState, command: Command) -> None:
         """Send this tick's frames."""
         self._sequence += 1
-        self._desk.stop_reason = command.stop_reason
+        self._service.stop_reason = command.stop_reason
         versions = self._orders.versions()
         for robot_id in self._audience():
             frame = self._peers[robot_id].frame(
@@ -166,9 +166,9 @@ class NetworkTeam(Closing):
         for taken, datagram in enumerate(self._carrier.receive(), 1):
             try:
                 if datagram.content.startswith(Magic.ORDER):
-                    self._desk.take(datagram)
+                    self._service.handle(datagram)
                 elif datagram.content.startswith(Magic.STREAM):
-                    self._streams.take(datagram)
+                    self._streams.handle(datagram)
                 else:
                     self._admit(datagram, now_s)
             except FrameError as error:
@@ -191,7 +191,7 @@ class NetworkTeam(Closing):
                 peer.doubt = error.cause.value
                 self._traffic.doubted[peer.robot_id] += 1
             raise
-        peer.take(frame, datagram.arrival_s)
+        peer.accept(frame, datagram.arrival_s)
         self._orders.heard(frame.versions, self._tick.number)
         self._traffic.accepted += 1
         self._traffic.message_ages.add(peer.age_s(now_s))

@@ -18,7 +18,7 @@ from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.network.udp import Carrier, UdpCarrier
 from edge_runtime.team.link import NetworkTeam, TeamRules
-from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.orders import Orders
 from edge_runtime.team.report import FleetReport
 from edge_runtime.team.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
@@ -153,9 +153,9 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     endpoints |= {source: place for source, place in sources.items() if place}
     carrier = _carrier(mission, settings, own, endpoints)
     orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
-    desk = OrderDesk(orders, operator_key(fleet), carrier, mission.rate_hz)
+    service = OrderService(orders, operator_key(fleet), carrier, mission.rate_hz)
     streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
-    return NetworkTeam(mission.robot_id, others, rules, carrier, key, desk, streams, time.monotonic)
+    return NetworkTeam(mission.robot_id, others, rules, carrier, key, service, streams, time.monotonic)
 
 
 def _check_alone(mission: Mission) -> None:

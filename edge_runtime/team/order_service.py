@@ -29,7 +29,7 @@ class RateMeter:
         self._ticks += 1
 
 
-class OrderDesk:
+class OrderService:
     """One robot's end of the way to its operator.
 
     Args:
@@ -53,14 +53,14 @@ class OrderDesk:
         self._now_s, self._tick = now_s, tick
         self._rate.tick(now_s)
 
-    def take(self, datagram: Datagram) -> None:
+    def handle(self, datagram: Datagram) -> None:
         """Obey and answer a packet.
 
         Raises:
             FrameError: if it is not an operator's, not for this run, or expired; it is not answered.
         """
         order = decode_order(datagram.content, self._key)
-        complaint = self.orders.take(order, self._now_s)
+        complaint = self.orders.obey(order, self._now_s)
         self._newest = order, datagram
         self._answer(order, datagram, complaint)
 

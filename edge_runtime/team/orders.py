@@ -103,7 +103,7 @@ class Orders:
         self._proposal: Proposal | None = None
         self._session = 0  # of the operator whose objectives these are; 0 for none
 
-    def take(self, order: Order, now_s: float) -> str:
+    def obey(self, order: Order, now_s: float) -> str:
         """Act on an authentic order; taking it once more changes nothing.
 
         Returns:

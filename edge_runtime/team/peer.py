@@ -23,9 +23,9 @@ class Peer(Session[Frame]):
         self.doubt = ""
         """Why it is kept out, if it is."""
 
-    def take(self, frame: Frame, arrival_s: float) -> None:
+    def accept(self, frame: Frame, arrival_s: float) -> None:
         """Take in a frame that passed every check."""
-        super().take(frame, arrival_s)
+        super().accept(frame, arrival_s)
         self.doubt = ""
 
     def teammate(self, now_s: float) -> Teammate:

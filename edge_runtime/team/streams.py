@@ -70,7 +70,7 @@ class Stream:
         )
         self._carrier.send(self._source, encode_stream(request, self._key))
 
-    def take(self, frame: StreamFrame, arrival_s: float) -> None:
+    def admit(self, frame: StreamFrame, arrival_s: float) -> None:
         """Take in an authentic frame for this robot; raises FrameError if it is of no use."""
         if len(frame.values) != self._values:
             raise FrameError(Refusal.MALFORMED)
@@ -102,13 +102,13 @@ class Streams:
         for stream in self._all.values():
             stream.ask(now_s)
 
-    def take(self, datagram: Datagram) -> None:
+    def handle(self, datagram: Datagram) -> None:
         """Take in a packet; raises FrameError if it is not a source's, or of no use."""
         frame = decode_stream(datagram.content, self._key)
         stream = self._all.get(frame.kind)
         if stream is None or frame.robot_id != self._robot_id:
             raise FrameError(Refusal.MISDIRECTED)
-        stream.take(frame, datagram.arrival_s)
+        stream.admit(frame, datagram.arrival_s)
 
     def locate(self, bridge: RobotState) -> RobotState | None:
         """Return the own state in the team's frame, or None where the stream has not told it yet.

@@ -34,7 +34,7 @@ class Watch(Protocol):
         """Take note of what steers from here on."""
         ...
 
-    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+    def tell(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Take note of one tick, after its command is out. Never blocks."""
         ...
 
@@ -49,7 +49,7 @@ class Unwatched:
     def adopt(self, guide: Guide) -> None:
         """Tell nobody."""
 
-    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+    def tell(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Tell nobody."""
 
     def close(self) -> None:
@@ -96,7 +96,7 @@ class StatusSender:
         self._speed_limit = min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None)
         self._margin = max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None)
 
-    def follow(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+    def tell(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Send a status if it is time to. Never blocks, never raises what the network does."""
         now = self._clock()
         if now < self._due_s:

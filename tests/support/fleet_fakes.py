@@ -13,7 +13,7 @@ from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, RobotState
 from edge_runtime.network.datagrams import Datagram
 from edge_runtime.team.link import NetworkTeam, TeamRules
-from edge_runtime.team.order_service import OrderDesk
+from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.orders import Orders
 from edge_runtime.team.streams import Streams
 
@@ -91,9 +91,9 @@ class World:
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
         carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
         guide = make_guide(self.asked.get(robot_id, ObjectiveSet()), MANIFEST.dynamics)
-        desk = OrderDesk(Orders(robot_id, nonce(), guide, self.guide_of), key, carrier, 1 / PERIOD_S)
+        service = OrderService(Orders(robot_id, nonce(), guide, self.guide_of), key, carrier, 1 / PERIOD_S)
         streams, clock = Streams(robot_id, None, None, key), lambda: self.clock(robot_id)
-        return NetworkTeam(robot_id, others, rules, carrier, key, desk, streams, clock, nonce)
+        return NetworkTeam(robot_id, others, rules, carrier, key, service, streams, clock, nonce)
 
     def guide_of(self, file, content):
         return make_guide(parse_objective_set(content, Path(file)), MANIFEST.dynamics)

@@ -56,7 +56,7 @@ def main(fleet_file, robot_id, loss):
     mission = Mission(robot_id, fleet, Bundle(MANIFEST, None, Path()), fleet.objective_set, 50.0)
     grid = DeadlineGrid(mission.period_s)
     with StopSignals() as signals, open_fleet(mission, LocalTeam(None)) as link:
-        link._carrier = link._desk._carrier = Lossy(link._carrier, loss, robot_id)
+        link._carrier = link._service._carrier = Lossy(link._carrier, loss, robot_id)
         version = 0
         while not (signals.reason or link.stop_reason):
             grid.wait()

@@ -55,5 +55,5 @@ def watched(*statuses, robots=4, clocks=None):
     clocks = clocks or Clocks()
     team = WatchedTeam(range(robots), KEY, clocks.monotonic, clocks.wall)
     for each in statuses:
-        team.take(encode(each, KEY))
+        team.hear(encode(each, KEY))
     return team

@@ -60,7 +60,7 @@ def _publish(sample: Sample, fit: VelocityFit, host: StreamHost, stamp_s: float)
     if sample.ranges is not None:
         host.publish(Kind.RANGES, sample.robot, stamp_s, sample.ranges)
     elif sample.x is not None and sample.y is not None:
-        velocity = fit.follow(sample.t, (sample.x, sample.y))
+        velocity = fit.add(sample.t, (sample.x, sample.y))
         if sample.vx is not None and sample.vy is not None:
             velocity = sample.vx, sample.vy
         if velocity:
@@ -141,7 +141,7 @@ class NatNetFeed(Closing):
             if robot_id is None or not body.tracked:
                 continue
             position_m, heading_rad = body.planar(self._up)
-            if velocity := self._fits[robot_id].follow(frame.stamp_s, position_m):
+            if velocity := self._fits[robot_id].add(frame.stamp_s, position_m):
                 host.publish(Kind.POSE, robot_id, stamp_s, (*position_m, *velocity, heading_rad))
 
     def _connect(self) -> Server:

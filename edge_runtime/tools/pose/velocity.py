@@ -21,7 +21,7 @@ class VelocityFit:
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float, float]] = deque()
 
-    def follow(self, stamp_s: float, position_m: Vector2) -> Vector2 | None:
+    def add(self, stamp_s: float, position_m: Vector2) -> Vector2 | None:
         """Take in a position and return the velocity in m/s; None until there are enough."""
         samples = self._samples
         if samples and not CLOSEST_S <= stamp_s - samples[-1][0] <= GAP_S:

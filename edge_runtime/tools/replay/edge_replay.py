@@ -152,7 +152,7 @@ def _replay(
 def _judge(result: ReplayResult, tick: Tick, replay: Replay) -> None:
     result.ticks += 1
     if result.answer is not None:
-        result.answer.take(tick, replay)
+        result.answer.ask(tick, replay)
         return
     found = list(replay.differences(tick))
     result.differing += bool(found)

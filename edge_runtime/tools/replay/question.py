@@ -26,7 +26,7 @@ class Answer:
     done: list[Command] = field(default_factory=list)
     instead: list[Command] = field(default_factory=list)
 
-    def take(self, tick: Tick, replay: Replay) -> None:
+    def ask(self, tick: Tick, replay: Replay) -> None:
         """Ask about one tick."""
         self.times_s.append(tick.inputs.deadline_s - self.start.started_s)
         self.positions_m.append(tick.state.own.position_m)

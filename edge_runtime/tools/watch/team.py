@@ -55,9 +55,9 @@ class WatchedTeam:
     def receive(self, datagrams: Datagrams) -> None:
         """Take in what has arrived."""
         for datagram in datagrams.receive():
-            self.take(datagram.content)
+            self.hear(datagram.content)
 
-    def take(self, packet: bytes) -> None:
+    def hear(self, packet: bytes) -> None:
         """Take in one packet, or count why not."""
         try:
             status = printed(decode(packet, self._key))

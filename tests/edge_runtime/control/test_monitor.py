@@ -15,7 +15,7 @@ def test_other_objectives_are_judged_once_the_team_had_time_to_brake():
     def follow(time_s, speed_m_s, apart_m):
         own = RobotState(0, time_s, (0.0, 0.0), (speed_m_s, 0.0))
         mate = Teammate(RobotState(1, time_s, (apart_m, 0.0), (0.0, 0.0)))
-        monitor.follow(TeamState(own, (mate,)), GuidedAction((0.0, 0.0), 10), COMMAND)
+        monitor.update(TeamState(own, (mate,)), GuidedAction((0.0, 0.0), 10), COMMAND)
         return monitor.robots[0].max_speed_m_s, monitor.robots[0].min_separation_m
 
     assert follow(5.0, 0.3, 0.25) == (0.3, 0.25)

@@ -25,8 +25,8 @@ def all_of(inbox):
     """What is taken until the sender's end is closed."""
     taken = []
     while not inbox.over.wait(0.001):
-        taken += inbox.take()
-    return [*taken, *inbox.take()]
+        taken += inbox.drain()
+    return [*taken, *inbox.drain()]
 
 
 @pytest.fixture(autouse=True)

@@ -188,7 +188,7 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
             for _ in STAGES:
                 timing.lap()
             timing.end()
-            recorder.follow(time.monotonic(), team, observation, guided, command)
+            recorder.record(time.monotonic(), team, observation, guided, command)
         report = recorder.end("done", failed=False)
     path = Path(report.path)
     records = list(read_log(path))
@@ -222,7 +222,7 @@ def hand_over(tmp_path):
 
         def follow(count):
             for _ in range(count):
-                recorder.follow(time.monotonic(), team, observation, guided, command)
+                recorder.record(time.monotonic(), team, observation, guided, command)
 
         yield recorder, follow
 

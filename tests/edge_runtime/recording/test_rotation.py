@@ -42,7 +42,7 @@ def write_run(run, plan, clock, flush_every=10):
     log = RunLog(plan, clock)
     log.files.open()
     for index, item in enumerate(run):
-        log.take(item)
+        log.write(item)
         if index % flush_every == 0:
             log.files.flush()
     log.files.close()
@@ -154,13 +154,13 @@ def test_a_disk_that_takes_files_again_gets_a_new_one(run, tmp_path):
     (tmp_path / "gone").write_text("not a folder")
     log.files.open()
     for item in run[:20]:
-        log.take(item)
+        log.write(item)
     assert "gone" in log.files.report().failure
     (tmp_path / "gone").unlink()
     now[0] = 10.0
     log.files.flush()
     for item in run[20:]:
-        log.take(item)
+        log.write(item)
     log.files.close()
     report, (path,) = log.files.report(), (tmp_path / "gone").iterdir()
     lost = ticks_of(run[:20])
@@ -183,13 +183,13 @@ def test_a_disk_that_takes_a_files_name_but_no_content_is_tried_again(run, tmp_p
     log = RunLog(plan(tmp_path), lambda: now[0])
     log.files.open()
     for item in run[:20]:
-        log.take(item)
+        log.write(item)
     assert "No space left" in log.files.report().failure
     assert list(tmp_path.iterdir()) == []
     now[0], full[0] = 10.0, False
     log.files.flush()
     for item in run[20:]:
-        log.take(item)
+        log.write(item)
     log.close()
     (path,) = tmp_path.iterdir()
     assert ticks(path)[-1].inputs.number == ticks_of(run)[-1].inputs.number

@@ -111,6 +111,6 @@ def test_silent_time_is_counted():
     world.ticks(5)
     world.network.dead.add(SILENT)
     for views in world.ticks(53):
-        monitor.follow(views[0], GuidedAction((0.0, 0.0), 10), Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
+        monitor.update(views[0], GuidedAction((0.0, 0.0), 10), Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0)))
     silent = {robot_id: tally.silent_ticks for robot_id, tally in monitor.robots.items()}
     assert silent == {0: 0, 1: 0, SILENT: pytest.approx(50, abs=1), 3: 0}

@@ -230,7 +230,7 @@ def test_ranges_of_another_sensor_are_refused():
     streams = Streams(0, None, stream, KEY)
     packet = encode_stream(StreamFrame(Kind.RANGES, 0, 2, 3, 4, 5, 6.0, (0.1,) * (RAYS - 1)), KEY)
     with pytest.raises(FrameError) as caught:
-        streams.take(Datagram(packet, None, 0.0))
+        streams.handle(Datagram(packet, None, 0.0))
     assert caught.value.cause is Refusal.MALFORMED
 
 

@@ -63,7 +63,7 @@ def watch(path, arrived):
 
 def test_the_velocity_of_a_straight_line_is_its_slope():
     fit = VelocityFit()
-    found = [fit.follow(0.01 * k, (0.3 * 0.01 * k, 1.0 - 0.2 * 0.01 * k)) for k in range(20)]
+    found = [fit.add(0.01 * k, (0.3 * 0.01 * k, 1.0 - 0.2 * 0.01 * k)) for k in range(20)]
     assert found[:2] == [None, None]
     for velocity in found[2:]:
         assert velocity == pytest.approx((0.3, -0.2))
@@ -73,21 +73,21 @@ def test_the_velocity_is_that_of_the_middle_of_the_window():
     """Under constant acceleration the fitted slope is exact there: 25 ms ago."""
     fit = VelocityFit()
     for k in range(100):
-        velocity = fit.follow(0.005 * k, (0.5 * 2.0 * (0.005 * k) ** 2, 0.0))
+        velocity = fit.add(0.005 * k, (0.5 * 2.0 * (0.005 * k) ** 2, 0.0))
     assert velocity[0] == pytest.approx(2.0 * (0.005 * 99 - 0.025), abs=1e-9)
 
 
 def test_a_gap_or_a_stamp_that_goes_back_starts_the_fit_anew():
     for stamp in (10.0, -10.0, 0.2, 0.2 + 1e-9):
         fit = VelocityFit()
-        found = [fit.follow(0.01 * k, (0.0, 0.0)) for k in range(21)]
+        found = [fit.add(0.01 * k, (0.0, 0.0)) for k in range(21)]
         assert found[-1] == (0.0, 0.0)
-        assert fit.follow(stamp, (5.0, 5.0)) is None
+        assert fit.add(stamp, (5.0, 5.0)) is None
 
 
 def test_stamps_that_are_all_but_equal_give_no_velocity():
     fit = VelocityFit()
-    assert [fit.follow(k * 1e-200, (float(k), 0.0)) for k in range(9)] == [None] * 9
+    assert [fit.add(k * 1e-200, (float(k), 0.0)) for k in range(9)] == [None] * 9
 
 
 POSES = [{"t": 0.01 * k, "robot": 0, "x": 0.002 * k, "y": -1.0, "heading": 0.25} for k in range(20_000)]

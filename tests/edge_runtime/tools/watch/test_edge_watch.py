@@ -67,7 +67,7 @@ def sender(fleet):
     def make(address, clock):
         mission = mission_of(fleet)
         monitor = Monitor(mission.fleet, 1, 10)
-        monitor.follow(TEAM, GUIDED, COMMAND)
+        monitor.update(TEAM, GUIDED, COMMAND)
         timing = TimingRecord(("read", "act"))
         opened.append(StatusSender(mission, monitor, DeadlineGrid(0.02), timing, address, KEY, clock=clock))
         return opened[-1]
@@ -95,7 +95,7 @@ def test_a_robot_tells_of_itself_a_few_times_a_second(sender, host):
         robot = sender(address, lambda: now[0])
         for tick in range(50):
             now[0] = 0.02 * tick
-            robot.follow(TEAM, GUIDED, COMMAND)
+            robot.tell(TEAM, GUIDED, COMMAND)
         heard = [decode(receiver.recv(8192), KEY) for _ in range(round(RATE_HZ))]
         receiver.setblocking(False)
         with pytest.raises(BlockingIOError):
@@ -113,7 +113,7 @@ def test_a_robot_tells_of_itself_a_few_times_a_second(sender, host):
 
 def test_what_the_network_does_not_take_is_counted(sender):
     robot = sender(("255.255.255.255", 9), lambda: 0.0)  # a broadcast, which no socket may send unasked
-    robot.follow(TEAM, GUIDED, COMMAND)
+    robot.tell(TEAM, GUIDED, COMMAND)
     assert sum(robot.failures.values()) == 1
 
 
@@ -126,7 +126,7 @@ def test_objectives_that_are_exchanged_are_told(sender, fleet, tmp_path):
         slower.write_text(fleet.read_text().replace("0.3", "0.1"))
         asked = load_fleet(slower).objective_set
         robot.adopt(replace(make_guide(asked, MANIFEST.dynamics), version=7))
-        robot.follow(TEAM, GUIDED, COMMAND)
+        robot.tell(TEAM, GUIDED, COMMAND)
         told = decode(receiver.recv(8192), KEY)
     assert (told.objectives_version, told.speed_limit_m_s, told.objectives[0].limit) == (7, 0.1, "0.1 m/s")
 

@@ -80,14 +80,14 @@ def test_a_packet_over_the_longest_is_refused():
 
 def test_only_newer_statuses_of_the_fleet_with_its_key_count():
     team = watched(status(0, 5))
-    team.take(encode(status(0, 5), KEY))
-    team.take(encode(status(0, 4), KEY))
-    team.take(encode(replace(status(0, 99), started_s=999.0), KEY))  # a recording of an earlier run
-    team.take(encode(status(9, 1), KEY))
-    team.take(encode(status(1, 1), bytes(32)))
+    team.hear(encode(status(0, 5), KEY))
+    team.hear(encode(status(0, 4), KEY))
+    team.hear(encode(replace(status(0, 99), started_s=999.0), KEY))  # a recording of an earlier run
+    team.hear(encode(status(9, 1), KEY))
+    team.hear(encode(status(1, 1), bytes(32)))
     assert team.dropped == {"not newer": 3, "unknown robot": 1, "foreign": 1}
     assert team.heard[0].status.sequence == 5
-    team.take(encode(replace(status(0, 1), started_s=1010.0), KEY))
+    team.hear(encode(replace(status(0, 1), started_s=1010.0), KEY))
     assert team.heard[0].status.sequence == 1
     assert not team.all_heard
 
@@ -98,7 +98,7 @@ def test_silence_is_said():
     assert team.all_heard
     assert text.state(team, 0).text == "driving"
     clocks.now_s = 0.9
-    team.take(encode(status(1, 2), KEY))
+    team.hear(encode(status(1, 2), KEY))
     clocks.now_s = 1.5
     assert [text.state(team, robot).text for robot in (0, 1)] == ["silent for 2 s", "driving"]
     assert not team.all_heard
