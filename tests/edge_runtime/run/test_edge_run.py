@@ -243,6 +243,9 @@ class ScriptedBridge:
     def teammates(self):
         return ()
 
+    def ranges_m(self):
+        return None
+
     def write(self, command):
         self.written.append(command)
 
