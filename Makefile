@@ -18,7 +18,7 @@ PYTEST := -m pytest -n auto --dist worksteal
 export OMP_NUM_THREADS := 1
 
 .PHONY: run test check lint types unit integration coverage oldest aarch64 sil budgets fuzz mutants \
-	socketcan chromium peers clean
+	socketcan chromium peers wheels deb clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -76,6 +76,12 @@ mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: 
 	$(DEV)/bin/pip install --quiet --editable '.[dev,mutation]'
 	$(DEV)/bin/mutmut run
 	$(DEV)/bin/mutmut results
+
+wheels:  ## dist/: wheels with the kernel inside, sdist, SBOM, licences, of the last commit; minutes
+	PYTHON=$(PYTHON) sh packaging/wheels.sh dist
+
+deb: wheels  ## dist/: Debian packages that need no network
+	sh packaging/deb.sh dist
 
 socketcan:  ## What the tests on a real CAN bus boot; skips where it cannot be installed
 	@sh tests/support/socketcan/install.sh

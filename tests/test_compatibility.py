@@ -1,13 +1,50 @@
 """What earlier versions left behind is still read: see CHANGELOG.md, "Compatibility"."""
 
-from paths import SUPPORT
+import re
+from importlib import metadata
 
+import pytest
+from paths import ROOT, SUPPORT
+
+from edge_runtime import __version__
+from edge_runtime.config.fleet import load_fleet
+from edge_runtime.policy.bundle import packaged_bundle
+from edge_runtime.recording.reader import read_log
 from edge_runtime.tools.replay.edge_replay import main
 
-ARTEFACTS = SUPPORT / "artefacts"
+FIRST = SUPPORT / "artefacts" / "0.1.0"
+LOG = FIRST / "navigation.mcap"
 
 
 def test_a_log_of_an_earlier_version_replays(capsys):
     """Bit for bit where this processor has the log's instruction set, else within a tolerance."""
-    assert main([str(ARTEFACTS / "0.1.0" / "navigation.mcap")]) == 0
+    assert main([str(LOG)]) == 0
     assert "98 ticks" in capsys.readouterr().out
+
+
+def test_the_bundle_of_an_earlier_version_loads():
+    """It is packaged to this day; a bundle that goes stays among the artefacts."""
+    recorded = next(iter(read_log(LOG))).bundle
+    assert packaged_bundle(recorded.name).sha256 == recorded.sha256
+
+
+def test_a_fleet_file_of_an_earlier_version_means_the_same():
+    fleet = load_fleet(FIRST / "team.toml")
+    assert [(robot.id, robot.mass_kg, robot.max_speed_m_s) for robot in fleet.robots] == [
+        (0, None, None),
+        (1, 1.5, 0.4),
+    ]
+    assert [objective.name for objective in fleet.objective_set.objectives] == [
+        "speed_limit",
+        "safety_margin",
+    ]
+
+
+def test_the_version_is_said_alike_everywhere():
+    (newest, *_) = re.findall(r"^## (\d\S*)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert __version__ == metadata.version("cfpg-edge") == newest
+
+
+@pytest.mark.parametrize("field", ["Requires-Python", "License-Expression", "Summary"])
+def test_the_package_says_what_an_index_asks_for(field):
+    assert metadata.metadata("cfpg-edge")[field]
