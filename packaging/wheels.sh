@@ -28,7 +28,11 @@ wheel() {  # wheel SOURCES VERSION PROCESSOR FOLDER: stops where the kernel does
         SETUPTOOLS_EXT_SUFFIX=.cpython-$tag-$3-linux-gnu.so \
         "$tools/pip" --python "$(python_of "$2")" wheel --quiet --no-deps --wheel-dir "$copy/raw" "$copy"
     PATH=$tools:$PATH auditwheel repair --wheel-dir "$4/dist" "$copy"/raw/*.whl
-    "$tools/python" -m zipfile -l "$4"/dist/*-cp$tag-*manylinux*_$3.whl | grep -q "_kernel.cpython-$tag-$3-linux-gnu.so"
+    kernel=edge_runtime/policy/_kernel.cpython-$tag-$3-linux-gnu.so
+    "$tools/python" -m zipfile -l "$4"/dist/*-cp$tag-*manylinux*_$3.whl | grep "$kernel" >/dev/null || {
+        echo "wheels: no $kernel in the wheel" >&2
+        exit 1
+    }
 }
 
 build() {  # build FOLDER
