@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import signal
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,9 @@ settings.register_profile("fuzz", max_examples=1_000_000, deadline=None)
 # However long a case takes on a busy machine, it proves what it proves.
 settings.register_profile("patient", deadline=None)
 settings.load_profile("patient")
+
+# What shells start in the background is deaf to Ctrl-C, and so would be all that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
