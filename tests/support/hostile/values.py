@@ -19,6 +19,17 @@ def value(draw):
     return copy.deepcopy(draw.choice(draw.choice([TEXTS, NUMBERS, NUMBERS, OTHERS])))
 
 
+def another(draw, held):
+    """Another value of the same kind."""
+    if isinstance(held, bool):
+        return not held
+    if isinstance(held, int) and draw.random() < 0.5:
+        return draw.choice([number for number in NUMBERS if isinstance(number, int)])
+    if isinstance(held, int | float):
+        return draw.choice([float(number) for number in NUMBERS if abs(number) < 1e301])
+    return draw.choice(TEXTS) if isinstance(held, str) else value(draw)
+
+
 def places(tree, path=()):
     """Every place of a tree of dicts and lists, from the root on."""
     yield path
@@ -34,17 +45,18 @@ def change_tree(draw, tree, times=1):
         node = tree
         for key in parents:
             node = node[key]
-        match draw.randrange(6):
+        held = node.get(last) if isinstance(node, dict) else node[last]
+        match draw.randrange(12):
             case 0 if len(node) > 1:
                 del node[last]
             case 1 if isinstance(node, list):
-                node.extend(copy.deepcopy(node[last]) for _ in range(draw.choice([1, 10, 300])))
+                node.extend(copy.deepcopy(held) for _ in range(draw.choice([1, 10, 300])))
             case 2 if isinstance(node, dict):
                 node[draw.choice(TEXTS)] = value(draw)
-            case 3 if isinstance(node.get(last) if isinstance(node, dict) else node[last], int | float):
-                node[last] = draw.choice(NUMBERS)
-            case _:
+            case 3 | 4:
                 node[last] = value(draw)
+            case _:
+                node[last] = another(draw, held)
     return tree
 
 
