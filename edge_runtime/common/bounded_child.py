@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 import msgspec
 
 from edge_runtime.common.child import start_child
-from edge_runtime.common.printable import first_line
+from edge_runtime.common.printable import first_line, printable
 from edge_runtime.errors import EdgeError
 
 MIB: Final = 1 << 20
@@ -84,7 +84,7 @@ def work(arguments: Sequence[str], kind: type[AnyTask], do: Callable[[AnyTask], 
         try:
             reply = _Reply(result=do(task))
         except EdgeError as error:
-            reply = _Reply(error=str(error))
+            reply = _Reply(error=printable(str(error)))
         except MemoryError:
             reply = _Reply(error=f"takes more than {task.bounds.memory_mib} MiB of memory")
         except Exception as error:  # noqa: BLE001  # libraries meet what they were not made for

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array
+from edge_runtime.common.printable import first_line
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.schema import LARGEST_FILE
@@ -89,9 +90,8 @@ class OnnxPolicy:
         try:
             velocity, jacobian = self._session.run(["velocity", "jacobian"], inputs)
         except Exception as error:  # onnxruntime's errors share no other base class
-            reason = str(error).splitlines()[0]
             raise PolicyError(
-                f"{self._graph}: cannot be computed for a batch of {self.batch} ({reason})"
+                f"{self._graph}: cannot be computed for a batch of {self.batch} ({first_line(error)})"
             ) from error
         self._result[0] = velocity
         self._result[1:] = np.moveaxis(jacobian, 2, 0)
@@ -110,8 +110,7 @@ def _open_session(graph: Path) -> _Session:
         content = read_regular(graph, LARGEST_FILE)
         session: _Session = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors share no other base class
-        reason = str(error).splitlines()[0]
-        raise PolicyError(f"{graph}: onnxruntime cannot load it ({reason})") from error
+        raise PolicyError(f"{graph}: onnxruntime cannot load it ({first_line(error)})") from error
     return session
 
 

@@ -89,5 +89,14 @@ def test_functions_that_double_forty_times(tmp_path, facts):
     assert refusal(model, tmp_path, facts, Bounds(seconds=2, memory_mib=512))
 
 
+def test_a_complaint_without_an_end_is_cut(tmp_path, facts):
+    model = graph_of(op("Tanh", ["action"], ["velocity"]))
+    for number in range(20_000):
+        model.graph.input.add(name=f"input \x1b[2J {number}")
+    told = refusal(model, tmp_path, facts)
+    assert told.startswith("has inputs action, tau, observation, input ?[2J 0, ")
+    assert len(told) < 2100
+
+
 def test_no_graph(tmp_path, facts):
     assert refusal(b"\0" * 1000, tmp_path, facts).startswith("not an ONNX file (")
