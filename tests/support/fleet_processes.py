@@ -42,7 +42,13 @@ class Process:
         program = SUPPORT / "fleet_process.py"
         command = [sys.executable, str(program), str(path), str(robot_id), str(loss)]
         self.process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-        stack.callback(self.process.kill)
+        self.reader = None
+        stack.callback(self._kill)
+
+    def _kill(self):
+        self.process.kill()
+        if self.reader:
+            self.reader.join()
 
     def tick(self):
         return json.loads(self.process.stdout.readline())

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pytest
 from bundles import write_straight_bundle
-from clocks import Clock
+from clocks import simulated_time
 from networks import ENGINES
 from waiting import HANG_S, until
 
 from edge_runtime.common.signals import GRACE_S
-from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.errors import BridgeError, PolicyError
 from edge_runtime.messages import RobotState
 from edge_runtime.policy import backend
@@ -26,7 +25,6 @@ from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.recording.reader import read_log
 from edge_runtime.recording.schema import Event
 from edge_runtime.run import edge_run as run
-from edge_runtime.run import loop
 from edge_runtime.run.bridges import BRIDGES, BridgeModules
 from firmware_bridge.simulation import bridge as sim
 
@@ -63,20 +61,13 @@ def report_of(path):
 
 
 @pytest.fixture
-def simulated_time(monkeypatch):
-    """Time passes only by sleeping, ahead of the real one: no tick is missed, and no sample cut short."""
-    clock = Clock()
-    clock.now = time.monotonic() + 1.0
-    monkeypatch.setattr(loop, "DeadlineGrid", lambda period, **_: DeadlineGrid(period, clock, clock.sleep))
-
-
-@pytest.fixture
-def simulated(bundle, simulated_time, capfd, tmp_path):  # noqa: ARG001  # the time that it runs in
+def simulated(bundle, capfd, tmp_path):
     """Run edge-run in this process, at once."""
 
     def run_simulated(*flags):
         flags = ["--policy", bundle, "--json", tmp_path / "run.json", *flags]
-        code = run.main(["--robot-id", "0", *map(str, flags)])
+        with simulated_time():
+            code = run.main(["--robot-id", "0", *map(str, flags)])
         return code, report_of(tmp_path / "run.json"), capfd.readouterr()
 
     return run_simulated
@@ -259,7 +250,7 @@ def state(position=(0.0, 0.0), age_s=0.0):
 
 
 @pytest.fixture
-def drive(bundle, monkeypatch, simulated_time, tmp_path):  # noqa: ARG001  # the time that it runs in
+def drive(bundle, monkeypatch, tmp_path):
     """Run edge-run in this process at 100 Hz against a script; one tick for each of its states."""
 
     def run_script(script, *flags, shut=False):
@@ -273,7 +264,8 @@ def drive(bundle, monkeypatch, simulated_time, tmp_path):  # noqa: ARG001  # the
         monkeypatch.setitem(BRIDGES, "sim", BridgeModules("scripted_bridge", simulated=True))
         duration = f"{len(script) / 100:.2f}"
         flags = ["--rate", "100", "--duration", duration, "--json", str(tmp_path / "run.json"), *flags]
-        code = run.main(["--robot-id", "0", "--policy", str(bundle), *flags])
+        with simulated_time():
+            code = run.main(["--robot-id", "0", "--policy", str(bundle), *flags])
         return code, bridge, tmp_path / "run.json"
 
     return run_script
