@@ -5,12 +5,13 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import can
 import msgspec
 from pymavlink.dialects.v20 import common
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.common.key_file import read_key
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.policy.bundle import packaged_bundle
@@ -44,10 +45,8 @@ SETPOINT_ID = 0x111
 _BUS_OFF = 0x40
 _TAKING = (common.MAV_CMD_COMPONENT_ARM_DISARM, common.MAV_CMD_DO_SET_MODE)
 
-Self = TypeVar("Self", bound="Robot")
 
-
-class Robot(abc.ABC):
+class Robot(Closing, abc.ABC):
     """One robot on an empty plane, without drag."""
 
     name: ClassVar[str]
@@ -67,12 +66,8 @@ class Robot(abc.ABC):
         self._node = FirmwareNode(firmware, wire)
         self._loop = FirmwareLoop(self._world, [self._node])
 
-    def __enter__(self: Self) -> Self:
-        """Hold the wire."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Let it go."""
+    def close(self) -> None:
+        """Let the wire go."""
         self._node.wire.close()
 
     @abc.abstractmethod

@@ -65,6 +65,12 @@ class Datagrams(Closing):
                 continue
             yield Datagram(bytes(self._buffer[:size]), source, self._arrivals.arrival_s(ancillary))
 
+    @property
+    def place(self) -> Endpoint:
+        """Where it listens."""
+        host, port, *_ = self._socket.getsockname()
+        return host, port
+
     def fileno(self) -> int:
         """Return the socket's descriptor."""
         return self._socket.fileno()

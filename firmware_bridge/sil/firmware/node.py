@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Generic, Protocol, TypeVar
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.messages import Vector2
 from firmware_bridge.sil.firmware.firmware import Firmware
 from firmware_bridge.sil.firmware.wires import Wire
@@ -53,7 +54,7 @@ class Plant(Protocol):
         ...
 
 
-class FirmwareLoop:
+class FirmwareLoop(Closing):
     """Serves nodes and plant on one grid of absolute deadlines; a context manager that lets the wires go.
 
     Args:
@@ -70,12 +71,8 @@ class FirmwareLoop:
             self.listen(node.wire.fileno(), node.receive)
         self._due_s, self._step = time.monotonic(), 0
 
-    def __enter__(self) -> "FirmwareLoop":
-        """Hold the wires."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Let them go."""
+    def close(self) -> None:
+        """Let the wires go."""
         for node in self._nodes:
             node.wire.close()
 

@@ -1,22 +1,20 @@
 """What firmware hangs on: a python-can bus, a UDP socket of this machine."""
 
 import contextlib
-import socket
-import struct
 import time
 from collections.abc import Iterator
 from typing import Final, Protocol, TypeVar
 
 import can
 
+from edge_runtime.config.network import Endpoint
+from edge_runtime.network.datagrams import listen
 from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.frame import Frame
-from firmware_bridge.sil.scenario.ports import HOST
+from firmware_bridge.sil.scenario.ports import HOST, TAKEN
 
 LONGEST_QUEUE_S: Final = 1.0
 """No packet waits longer to be read."""
-_SO_TIMESTAMPNS: Final = 35
-_TIMESPEC: Final = struct.Struct("@ll")
 _DATAGRAM_BYTES: Final = 2048
 
 Packet = TypeVar("Packet")
@@ -80,34 +78,28 @@ class UdpWire:
     """A port of this machine, 0 for any that is free; answers whoever spoke last."""
 
     def __init__(self, port: int = 0) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        self._socket.setblocking(False)
-        self._socket.bind((HOST, port))
-        self._companion: tuple[str, int] | None = None
-        self.port: int = self._socket.getsockname()[1]
+        self._datagrams = listen((HOST, port), _DATAGRAM_BYTES, TAKEN)
+        self._companion: Endpoint | None = None
+        self.port = self._datagrams.place[1]
 
     def fileno(self) -> int:
         """Return the socket's descriptor."""
-        return self._socket.fileno()
+        return self._datagrams.fileno()
 
     def receive(self) -> Iterator[tuple[bytes, float]]:
         """Yield the datagrams that have arrived."""
-        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
-            while True:
-                data, control, _, self._companion = self._socket.recvmsg(_DATAGRAM_BYTES, 64)
-                seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
-                yield data, to_monotonic(seconds + nanoseconds * 1e-9)
+        for datagram in self._datagrams.receive():
+            self._companion = datagram.source
+            yield datagram.content, datagram.arrival_s
 
     def send(self, packet: bytes) -> None:
         """Send to the companion; one that was killed refuses it, and the firmware does not mind."""
         if self._companion is not None:
-            with contextlib.suppress(ConnectionRefusedError, BlockingIOError):
-                self._socket.sendto(packet, self._companion)
+            self._datagrams.send(packet, self._companion)
 
     def close(self) -> None:
         """Close the socket."""
-        self._socket.close()
+        self._datagrams.close()
 
 
 def to_monotonic(stamp_s: float) -> float:

@@ -7,7 +7,6 @@ has a port.
 
 import resource
 import selectors
-import socket
 import sys
 from functools import partial
 from pathlib import Path
@@ -17,11 +16,12 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime
 from edge_runtime.common.signals import StopSignals
+from edge_runtime.network.datagrams import Datagrams, listen
 from firmware_bridge.sil.network.disturbance import Disturbance
 from firmware_bridge.sil.network.packet_queue import PacketQueue
 from firmware_bridge.sil.network.tunnel import TunnelEnds
 from firmware_bridge.sil.scenario.faults import AnyFault
-from firmware_bridge.sil.scenario.ports import HOST, Tunnel
+from firmware_bridge.sil.scenario.ports import HOST, TAKEN, Tunnel
 from firmware_bridge.sil.scenario.start_gate import await_start
 
 _PACKET_BYTES: Final = 65535
@@ -54,9 +54,7 @@ class Relay:
         self._senders = {line.robot_port: line.robot_id for line in spec.lines}
         self._selector = selectors.DefaultSelector()
         for line in spec.lines:
-            one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            one.setblocking(False)
-            one.bind((HOST, line.relay_port))
+            one = listen((HOST, line.relay_port), _PACKET_BYTES, TAKEN)
             self._selector.register(one, selectors.EVENT_READ, partial(self._take, one, line))
         for tunnel in spec.tunnels:
             TunnelEnds(tunnel, self.queue, self._selector)
@@ -68,18 +66,11 @@ class Relay:
                 key.data()
         self.queue.flush()
 
-    def _take(self, one: socket.socket, line: Line) -> None:
-        send = partial(_send_to, one, line.robot_port)
-        while True:
-            try:
-                packet, (_, port) = one.recvfrom(_PACKET_BYTES)
-            except (BlockingIOError, ConnectionRefusedError):
-                return
-            self.queue.deliver(packet, self._senders.get(port, -1), line.robot_id, send)
-
-
-def _send_to(one: socket.socket, port: int, packet: bytes) -> None:
-    one.sendto(packet, (HOST, port))
+    def _take(self, one: Datagrams, line: Line) -> None:
+        send = partial(one.send, target=(HOST, line.robot_port))
+        for datagram in one.receive():
+            sender = self._senders.get(datagram.source[1], -1)
+            self.queue.deliver(datagram.content, sender, line.robot_id, send)
 
 
 def main(arguments: list[str]) -> int:

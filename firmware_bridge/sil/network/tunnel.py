@@ -8,8 +8,10 @@ import socket
 from functools import partial
 from typing import Final
 
+from edge_runtime.config.network import Endpoint
+from edge_runtime.network.datagrams import Datagrams, listen, speak
 from firmware_bridge.sil.network.packet_queue import PacketQueue
-from firmware_bridge.sil.scenario.ports import HOST, Tunnel
+from firmware_bridge.sil.scenario.ports import HOST, TAKEN, Tunnel
 
 _PACKET_BYTES: Final = 65535
 
@@ -25,48 +27,32 @@ class TunnelEnds:
 
     def __init__(self, tunnel: Tunnel, queue: PacketQueue, selector: selectors.BaseSelector) -> None:
         self._tunnel, self._queue, self._selector = tunnel, queue, selector
-        self._upstream: dict[tuple[str, int], socket.socket] = {}
-        self._datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        for one in (self._datagrams, self._listener):
-            one.setblocking(False)
-            one.bind((HOST, tunnel.relay_port))
-        self._listener.listen()
+        self._upstream: dict[Endpoint, Datagrams] = {}
+        self._datagrams = listen((HOST, tunnel.relay_port), _PACKET_BYTES, TAKEN)
+        self._listener = socket.create_server((HOST, tunnel.relay_port))
+        self._listener.setblocking(False)
         selector.register(self._datagrams, selectors.EVENT_READ, self._take_up)
         selector.register(self._listener, selectors.EVENT_READ, self._accept)
 
     def _take_up(self) -> None:
         """Pass on what the connecting robot sent."""
         tunnel = self._tunnel
-        while True:
-            try:
-                packet, place = self._datagrams.recvfrom(_PACKET_BYTES)
-            except OSError:
-                return
-            upstream = self._upstream.get(place) or self._open_upstream(place)
-            self._queue.deliver(packet, tunnel.connecting, tunnel.listening, upstream.send)
+        for datagram in self._datagrams.receive():
+            upstream = self._upstream.get(datagram.source) or self._open_upstream(datagram.source)
+            send = partial(upstream.send, target=(HOST, tunnel.robot_port))
+            self._queue.deliver(datagram.content, tunnel.connecting, tunnel.listening, send)
 
-    def _open_upstream(self, place: tuple[str, int]) -> socket.socket:
+    def _open_upstream(self, place: Endpoint) -> Datagrams:
         """Speak to the listening robot from a port of its own, by which it tells its links apart."""
-        upstream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        upstream.setblocking(False)
-        upstream.connect((HOST, self._tunnel.robot_port))
-        self._upstream[place] = upstream
+        upstream = self._upstream[place] = speak(HOST, _PACKET_BYTES)
         self._selector.register(upstream, selectors.EVENT_READ, partial(self._take_down, upstream, place))
         return upstream
 
-    def _take_down(self, upstream: socket.socket, place: tuple[str, int]) -> None:
+    def _take_down(self, upstream: Datagrams, place: Endpoint) -> None:
         """Pass on what the listening robot sent."""
-        tunnel, send = self._tunnel, partial(self._send_to, place)
-        while True:
-            try:
-                packet = upstream.recv(_PACKET_BYTES)
-            except OSError:
-                return
-            self._queue.deliver(packet, tunnel.listening, tunnel.connecting, send)
-
-    def _send_to(self, place: tuple[str, int], packet: bytes) -> None:
-        self._datagrams.sendto(packet, place)
+        tunnel, send = self._tunnel, partial(self._datagrams.send, target=place)
+        for datagram in upstream.receive():
+            self._queue.deliver(datagram.content, tunnel.listening, tunnel.connecting, send)
 
     def _accept(self) -> None:
         tunnel = self._tunnel

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 
 HOST = "127.0.0.1"
+TAKEN = "does something else run on this port?"
 
 
 class Network(NamedTuple):
