@@ -10,7 +10,8 @@ PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink
 ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
 	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
-	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) tests/test_compatibility.py
+	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) \
+	tests/test_compatibility.py::test_a_log_of_an_earlier_version_replays
 OLD_LOG := tests/support/artefacts/0.1.0/navigation.mcap
 SOURCES := pyproject.toml $(wildcard edge_runtime/policy/_kernel*.[ch])
 # Tests run on all cores, one thread each.

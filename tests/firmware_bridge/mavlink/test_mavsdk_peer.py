@@ -20,12 +20,15 @@ from firmware_bridge.guard.spec import GuardFlags
 from firmware_bridge.guard.wire import Phase
 from firmware_bridge.mavlink.bridge import MavlinkFlags, make_spec
 
-PERIOD_S = 0.02
+PERIOD_S = 0.05
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("mavsdk") is None,
-    reason="the mavsdk package is not installed: pip install mavsdk",
-)
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(
+        importlib.util.find_spec("mavsdk") is None,
+        reason="the mavsdk package is not installed: pip install mavsdk",
+    ),
+]
 
 
 class Peer:
