@@ -41,7 +41,10 @@ def places(tree, path=()):
 def change_tree(draw, tree, times=1):
     """Change a tree of dicts and lists in so many places; returns it."""
     for _ in range(times):
-        *parents, last = draw.choice([path for path in places(tree) if path] or [("new",)])
+        inner = [path for path in places(tree) if path]
+        if not inner and not isinstance(tree, dict):
+            return value(draw)
+        *parents, last = draw.choice(inner or [("new",)])
         node = tree
         for key in parents:
             node = node[key]
