@@ -94,3 +94,17 @@ class EarlyWake:
             time.sleep(seconds - self._lead_s)
             self._warm_up()
         time.sleep(max(0.0, end - time.monotonic()))
+
+
+def main() -> int:
+    """Try it, for who wants to know: ``python -m edge_runtime.common.realtime``; 1 where it is refused."""
+    try:
+        enter_realtime()
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

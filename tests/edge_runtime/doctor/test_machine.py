@@ -154,3 +154,17 @@ def test_a_missing_directory_cannot_be_written(tmp_path):
 def test_every_check_is_made_and_named(tmp_path):
     names = [finding.name for finding in examine_machine(wants_realtime=False, folder=tmp_path)]
     assert names == ["versions", "real time", "clock", "disk"]
+
+
+@pytest.mark.skipif(
+    subprocess.run(
+        ["unshare", "--user", "--map-root-user", "true"], check=False, capture_output=True
+    ).returncode
+    != 0,
+    reason="this machine makes no user namespaces",
+)
+def test_rights_in_name_only_are_found_out():
+    """The root of a container that an ordinary user started has every capability, and is refused."""
+    code = "from edge_runtime.doctor.machine import realtime; print(realtime(True).verdict.name)"
+    command = ["unshare", "--user", "--map-root-user", sys.executable, "-c", code]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "FAIL\n"
