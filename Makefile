@@ -58,6 +58,7 @@ aarch64: $(DEV)/ready  ## The robot's processor, emulated: what computes actions
 	@if command -v qemu-aarch64 >/dev/null; then \
 	    PYTHON=$(DEV)/bin/python sh tests/support/aarch64/prepare.sh $(ARM) && \
 	    CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(ON_ARM) && \
+	    rm -f $(ARM)/arm.mcap && \
 	    sh tests/support/aarch64/python.sh $(ARM) tests/support/aarch64/decide.py $(OLD_LOG) $(CURDIR)/$(ARM)/arm.mcap && \
 	    $(DEV)/bin/edge-replay $(ARM)/arm.mcap; fi
 
