@@ -205,6 +205,23 @@ def test_a_run_of_a_user_without_a_home_directory_says_where_logs_go():
     assert run_it([*command, "--no-log"]).returncode == 0
 
 
+@pytest.mark.parametrize("given", ["XDG_STATE_HOME", "cwd"])
+def test_a_folder_that_is_not_utf_8_is_one_line(given, tmp_path):
+    folder = tmp_path / os.fsdecode(b"no\xffutf8")
+    folder.mkdir()
+    (folder / "team.toml").write_text("[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n")
+    environment, flags = {**os.environ}, ["--robot-id", "0", "--duration", "0.1"]
+    if given == "XDG_STATE_HOME":
+        environment["XDG_STATE_HOME"] = str(folder)
+    else:
+        flags += ["--fleet", "team.toml", "--log-dir", str(tmp_path)]
+    done = subprocess.run(
+        [*script_of("edge_run"), *flags], env=environment, cwd=folder, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
+    assert b"no\\xffutf8" in done.stderr and b"is not UTF-8; rename the folder" in done.stderr
+
+
 def test_a_path_that_is_not_utf_8_is_one_line(name):
     done = subprocess.run([*script_of(name), b"--fleet=\xff\x1b[2J.toml"], capture_output=True, check=False)
     assert (done.returncode, done.stdout) == (2, b"")

@@ -71,7 +71,7 @@ def _outcome(name: str, main: Main, arguments: Sequence[str] | None) -> int:
         _check_encoding(sys.argv[1:] if arguments is None else arguments)
         return main(arguments)
     except SystemExit as left:  # argparse, after --help
-        return int(left.code or 0)
+        return left.code if isinstance(left.code, int) else int(left.code is not None)
     except EdgeError as error:
         complain(name, str(error))
         return 1 if isinstance(error, FailedError) else 2
@@ -80,6 +80,9 @@ def _outcome(name: str, main: Main, arguments: Sequence[str] | None) -> int:
         return INTERRUPTED
     except OSError as error:
         return _refused(name, error, 1)
+    except UnicodeEncodeError as error:  # a folder's name, from the system: records and children repeat it
+        complain(name, f"{os.fsencode(error.object)!r} is not UTF-8; rename the folder")
+        return 2
 
 
 def _flushed(name: str, code: int) -> int:
