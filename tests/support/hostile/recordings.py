@@ -34,7 +34,7 @@ def lines(draw):
 
 def table(draw):
     text = io.StringIO()
-    writer = csv.writer(text)
+    writer = csv.writer(text, escapechar="\\")  # without one, Python 3.10 takes NUL for it
     writer.writerow(draw.choice([[*POSES[0]], [*POSES[0], "vx", "vy"], ["t", "t"], TEXTS]))
     for row in POSES:
         cells = list(row.values())
