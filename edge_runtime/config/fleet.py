@@ -26,6 +26,8 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A packaged policy's name, or the directory of a bundle, relative to the fleet file."""
     rate_hz: float | None = None
     """Control rate; the policy's own where None."""
+    scale_m: float = 1.0
+    """One of the policy's metres, in metres of the robots' world; all else in the file is in the robots'."""
     goal_tolerance_m: float = 0.1
     max_state_age_s: float = 0.1
     """An own state older than this stops the robot; may be made stricter, never laxer."""
@@ -36,7 +38,8 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         positive = (1.0 / GREATEST, GREATEST)
-        check_bounds(self, dict.fromkeys(("goal_tolerance_m", "slew_per_s", "max_action"), positive))
+        names = ("goal_tolerance_m", "slew_per_s", "max_action", "scale_m")
+        check_bounds(self, dict.fromkeys(names, positive))
         check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
 
 

@@ -1,11 +1,9 @@
 """What one run is about, put together from the fleet, the bundle and the flags, and checked as a whole."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-
-import msgspec
 
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, Team
@@ -18,28 +16,21 @@ from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation.observer import Observer
+from edge_runtime.policy.adaptation import Adaptation, adapt
 from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.velocity_field import VelocityField
 
 
-def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
-    """Return the bundle with a robot's own mass and drag, and its actions within the fleet file's limit."""
-    dynamics = bundle.manifest.dynamics
-    dynamics = msgspec.structs.replace(
-        dynamics,
-        mass_kg=dynamics.mass_kg if robot.mass_kg is None else robot.mass_kg,
-        drag=dynamics.drag if robot.drag is None else robot.drag,
-    )
+def adaptation_of(robot: Robot, team: Team) -> Adaptation:
+    """Return where a robot differs from the policy's, as its fleet file says."""
     most = team.max_action if robot.max_action is None else robot.max_action
-    action = bundle.manifest.action
-    if most is not None:
-        action = tuple(
-            msgspec.structs.replace(field, low=max(field.low, -most), high=min(field.high, most))
-            for field in action
-        )
-    manifest = msgspec.structs.replace(bundle.manifest, dynamics=dynamics, action=action)
-    return replace(bundle, manifest=manifest)
+    return Adaptation(robot.mass_kg, robot.drag, most, team.scale_m)
+
+
+def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
+    """Return a policy's bundle as one of a fleet's robots runs it."""
+    return adapt(bundle, adaptation_of(robot, team))
 
 
 @dataclass(frozen=True)
@@ -123,7 +114,7 @@ class Mission:
         robot = self.fleet.robot(robot_id)
         return Controller(
             robot.id,
-            Observer(self.bundle.manifest, robot.goal_m),
+            Observer(self.bundle.manifest, robot.goal_m, self.fleet.team.scale_m),
             self.policy,
             self.guide(),
             self._limits(robot, max_speed_m_s),

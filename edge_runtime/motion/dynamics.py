@@ -60,3 +60,7 @@ class Dynamics(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True
         """The same robot integrated with another period: drag is compounded, mass stays."""
         keep = (1.0 - self.drag) ** (period_s / self.dt_s)
         return Dynamics(self.mass_kg, 1.0 - keep, period_s, self.substeps)
+
+    def scaled(self, scale_m: float) -> "Dynamics":
+        """The same motion in a world where one of these metres is ``scale_m``, under the same action."""
+        return Dynamics(self.mass_kg / scale_m, self.drag, self.dt_s, self.substeps)

@@ -24,17 +24,19 @@ class Observer:
     Args:
         manifest: names the fields and the robot's body; already checked.
         goal_m: where the robot is to go.
+        scale_m: one of the policy's metres, in the robot's.
 
     Raises:
         PolicyError: if the policy observes something that has no source here.
     """
 
-    def __init__(self, manifest: Manifest, goal_m: Vector2) -> None:
+    def __init__(self, manifest: Manifest, goal_m: Vector2, scale_m: float = 1.0) -> None:
         check_sources(manifest)
         self.goal_m = goal_m
         self._sensor = manifest.body.sensor()
         self._fields = tuple(field.name for field in manifest.observation)
         self._vector = np.zeros((1, manifest.observation_dim), np.float32)
+        self._per_unit = _per_unit(manifest, scale_m) if scale_m != 1.0 else None
 
     def observe(self, team: TeamState) -> Array:
         """Compose the observation (1, O) of what the robot knows of itself and its teammates.
@@ -53,7 +55,19 @@ class Observer:
             "ranges": ranges_m,
         }
         self._vector[0] = [value for name in self._fields for value in parts[name]]
+        if self._per_unit is not None:
+            self._vector *= self._per_unit
         return self._vector
+
+
+def _per_unit(manifest: Manifest, scale_m: float) -> Array:
+    """The policy's units in one of the robot's, (O,): lengths and speeds scale, angles and numbers do not."""
+    shares = [
+        1.0 / scale_m if field.unit in ("m", "m/s", "m/s^2") else 1.0
+        for field in manifest.observation
+        for _ in range(field.size)
+    ]
+    return np.array(shares, np.float32)
 
 
 def check_sources(manifest: Manifest) -> None:

@@ -20,6 +20,7 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, MOST_OBJECTIVES, MOST_ROBOTS, RATE_HZ, check_bounds
 from edge_runtime.messages import Command, GuidedAction, Integer, TeamState, Vector2
+from edge_runtime.policy.adaptation import Adaptation
 
 LOG_FORMAT: Final = "cfpg-log/2"
 LATEST_S: Final = 1e11
@@ -102,6 +103,8 @@ class Settings(msgspec.Struct, frozen=True):
     """Greatest change of each action component from one command to the next; unlimited where None."""
     max_speed_m_s: float | None = None
     """Greatest velocity setpoint; unlimited where None."""
+    adaptation: Adaptation = Adaptation()
+    """Where the robot differed from the policy's."""
 
     def __post_init__(self) -> None:
         check_bounds(self, {"rate_hz": RATE_HZ})

@@ -15,7 +15,7 @@ import numpy as np
 from edge_runtime.common.processor import processor
 from edge_runtime.common.realtime import in_realtime
 from edge_runtime.control.controller import Controller
-from edge_runtime.control.mission import Mission
+from edge_runtime.control.mission import Mission, adaptation_of
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.recording.schema import (
@@ -118,6 +118,7 @@ def _settings(mission: Mission, controller: Controller, *, bridge: str, dry_run:
         max_state_age_s=limits.max_state_age_s,
         max_step=_finite(limits.max_step),
         max_speed_m_s=_finite(limits.max_speed_m_s),
+        adaptation=adaptation_of(mission.fleet.robot(mission.robot_id), mission.fleet.team),
     )
 
 

@@ -124,6 +124,7 @@ def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
     robots = fleet.robots if fleet.carrier is None else (fleet.robot(mission.robot_id),)
     mates = {robot.id: mission.controller(robot.id) for robot in robots if robot.id != mission.robot_id}
     dynamics = manifest.dynamics.at_period(mission.period_s)
-    plant = Plant(dynamics, manifest.body.radius_m, [robot.start_m for robot in robots], fleet.obstacles)
+    starts, scale_m = [robot.start_m for robot in robots], fleet.team.scale_m
+    plant = Plant(dynamics, manifest.body.radius_m, starts, fleet.obstacles, scale_m)
     sensor = manifest.body.sensor() if fleet.obstacles else None
     return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates, sensor)

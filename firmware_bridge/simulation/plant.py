@@ -32,6 +32,7 @@ class Plant:
         radius_m: of every disc.
         position_m: (..., N, 2) where they start.
         obstacles: M more discs beside them, in every team the same.
+        scale_m: one of the dynamics' metres, in those of positions: contacts are as soft as there.
     """
 
     def __init__(
@@ -40,8 +41,10 @@ class Plant:
         radius_m: float,
         position_m: npt.ArrayLike,
         obstacles: Sequence[Obstacle] = (),
+        scale_m: float = 1.0,
     ) -> None:
         self.dynamics = dynamics
+        self._scale_m = scale_m
         self.radius_m = radius_m
         self.position_m = np.array(position_m, np.float64)
         self.velocity_m_s = np.zeros_like(self.position_m)
@@ -75,16 +78,20 @@ class Plant:
         count = self.position_m.shape[-2]
         teams = self.position_m.shape[:-2]
         obstacles = np.broadcast_to(self.obstacle_m, (*teams, *self.obstacle_m.shape))
-        stiff, apart = _stiff_and_apart(np.concatenate([self.position_m, obstacles], -2), self._radii)
+        discs = np.concatenate([self.position_m, obstacles], -2) / self._scale_m
+        stiff, apart = _stiff_and_apart(discs, self._radii / self._scale_m)
         if stiff.any():
             self.touched.update(map(tuple, np.argwhere(np.triu(stiff)[..., :count, :]).tolist()))
         force: Floats = (stiff[..., None] * apart).sum(-2)[..., :count, :]
         return force
 
 
-def contact_forces(position_m: Floats, radius_m: float | Floats) -> Floats:
-    """Contact force on each of N discs: (..., N, 2) in m -> (..., N, 2) in N; radii may differ: (N,)."""
-    stiff, apart = _stiff_and_apart(position_m, radius_m)
+def contact_forces(position_m: Floats, radius_m: float | Floats, scale_m: float = 1.0) -> Floats:
+    """Contact force on each of N discs: (..., N, 2) in m -> (..., N, 2) in N; radii may differ: (N,).
+
+    Positions and radii are in a world where one of the dynamics' metres is ``scale_m``.
+    """
+    stiff, apart = _stiff_and_apart(position_m / scale_m, radius_m / scale_m)
     force: Floats = (stiff[..., None] * apart).sum(-2)
     return force
 

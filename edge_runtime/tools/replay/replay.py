@@ -24,6 +24,7 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation.observer import Observer
+from edge_runtime.policy.adaptation import adapt
 from edge_runtime.policy.backend import BACKENDS, Backend
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, compiled_engines
@@ -69,7 +70,9 @@ class Replay:
         self.worst = 0.0
         """Largest difference seen within the tolerance."""
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
-        self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m)
+        adaptation = start.settings.adaptation
+        bundle = adapt(bundle, adaptation)
+        self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m, adaptation.scale_m)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
         self.follow(ObjectiveSet())

@@ -37,6 +37,7 @@ class World:
         headings_rad: where the bases look.
         ahead_m: distance from the axle to the disc's centre; positive.
         period_s: of one step.
+        scale_m: one of the policy's metres, in the robots'.
     """
 
     def __init__(
@@ -46,12 +47,13 @@ class World:
         headings_rad: Sequence[float],
         ahead_m: float,
         period_s: float,
+        scale_m: float = 1.0,
     ) -> None:
         self.position_m: Floats = np.array(starts_m, np.float64)
         self.velocity_m_s: Floats = np.zeros_like(self.position_m)
         self.radius_m: Floats = np.array([manifest.body.radius_m for manifest in manifests])
         self._headings = list(headings_rad)
-        self._ahead_m, self._period_s = ahead_m, period_s
+        self._ahead_m, self._period_s, self._scale_m = ahead_m, period_s, scale_m
         self._low = np.array([[field.low for field in manifest.action] for manifest in manifests])
         self._high = np.array([[field.high for field in manifest.action] for manifest in manifests])
         dynamics = [manifest.dynamics.at_period(period_s) for manifest in manifests]
@@ -68,7 +70,7 @@ class World:
         force = np.clip(needed, self._low, self._high)
         substep_s = self._period_s / self._substeps
         for _ in range(self._substeps):
-            push = contact_forces(self.position_m, self.radius_m)
+            push = contact_forces(self.position_m, self.radius_m, self._scale_m)
             self.velocity_m_s += (force + push) / self._mass_kg * substep_s
             self.position_m += self.velocity_m_s * substep_s
         for robot in range(len(self._headings)):

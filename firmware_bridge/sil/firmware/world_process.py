@@ -76,7 +76,7 @@ class WorldProcess:
         manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
         starts = [station.start_m for station in spec.stations]
         headings = [station.heading_rad for station in spec.stations]
-        world = World(manifests, starts, headings, spec.ahead_m, STEP_S)
+        world = World(manifests, starts, headings, spec.ahead_m, STEP_S, fleet.team.scale_m)
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
         self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
