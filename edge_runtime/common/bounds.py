@@ -19,10 +19,17 @@ MOST_OBJECTIVES: Final = 32
 """In force at once; as many as the compiled kernel takes."""
 
 
-def is_motion(x_m: float, y_m: float, v_x_m_s: float, v_y_m_s: float) -> bool:
-    """Whether position and velocity can be a robot's: finite, within `GREATEST` and `GREATEST_SPEED_M_S`."""
-    within = abs(x_m) <= GREATEST and abs(y_m) <= GREATEST
-    return within and abs(v_x_m_s) <= GREATEST_SPEED_M_S and abs(v_y_m_s) <= GREATEST_SPEED_M_S
+def is_motion(position_m: tuple[float, ...], velocity_m_s: tuple[float, ...]) -> bool:
+    """Whether position and velocity, of as many components, can be a robot's.
+
+    They are finite, within `GREATEST` and `GREATEST_SPEED_M_S`.
+    """
+    if len(position_m) != len(velocity_m_s):
+        return False
+    for place, speed in zip(position_m, velocity_m_s, strict=True):
+        if not (abs(place) <= GREATEST and abs(speed) <= GREATEST_SPEED_M_S):
+            return False
+    return True
 
 
 def check_bounds(record: msgspec.Struct, bounds: Mapping[str, tuple[float, float]]) -> None:

@@ -9,7 +9,7 @@ from edge_runtime.common.arrays import Array
 from edge_runtime.control.limits import RobotLimits, first_command, limited
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.velocity_field import VelocityField
 
@@ -41,7 +41,7 @@ class Controller:
         """The objectives in force; between ticks it may be exchanged."""
         self.command = first_command(robot_id)
         """The newest command."""
-        self.start: Vector2 = (0.0, 0.0)
+        self.start: Vector = (0.0, 0.0)
         """Where the newest sample's flow began."""
         self.limits = limits
         self._observer = observer
@@ -74,7 +74,7 @@ class Controller:
         own = RobotState(self.robot_id, 0.0, (0.0, 0.0), (0.0, 0.0))
         guided_action(self.policy, observation, TeamState(own), self.guide)
 
-    def _draw_start(self) -> Vector2:
+    def _draw_start(self) -> Vector:
         noise = self.guide.start_noise
         if not noise:
             return (0.0, 0.0)

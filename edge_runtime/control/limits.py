@@ -9,17 +9,17 @@ import math
 import msgspec
 
 from edge_runtime.common.bounds import is_motion
-from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
 from edge_runtime.motion.dynamics import Preview
 
 
 class RobotLimits(msgspec.Struct, frozen=True, gc=False):
     """What one robot may be commanded."""
 
-    low: Vector2
-    """Least action per axis, in the policy's action units."""
-    high: Vector2
-    """Greatest action per axis."""
+    low: Vector
+    """Least action per component, in the policy's action units."""
+    high: Vector
+    """Greatest action per component."""
     preview: Preview
     """The robot's motion over one control period, for the velocity setpoint."""
     max_step: float
@@ -51,21 +51,28 @@ def limited(
     if fault:
         return stop_command(previous, fault, now_s)
     steps = zip(guided.action, previous.action, limits.low, limits.high, strict=True)
-    x, y = (_component(wanted, last, low, high, limits.max_step) for wanted, last, low, high in steps)
+    action = tuple([_component(*step, limits.max_step) for step in steps])
     keep, gain = limits.preview.velocity_decay, limits.preview.velocity_gain
-    vx, vy = team.own.velocity_m_s
-    velocity = _shortened((keep * vx + gain * x, keep * vy + gain * y), limits.max_speed_m_s)
-    return Command(team.own.robot_id, previous.sequence + 1, now_s, (x, y), velocity)
+    velocity = tuple([keep * v + gain * u for v, u in zip(team.own.velocity_m_s, action, strict=True)])
+    velocity = _shortened(velocity, limits.max_speed_m_s)
+    return Command(team.own.robot_id, previous.sequence + 1, now_s, action, velocity)
 
 
 def stop_command(previous: Command, reason: str, now_s: float) -> Command:
     """The zero command that follows ``previous``."""
-    return Command(previous.robot_id, previous.sequence + 1, now_s, (0.0, 0.0), (0.0, 0.0), reason)
+    return Command(
+        previous.robot_id,
+        previous.sequence + 1,
+        now_s,
+        (0.0,) * len(previous.action),
+        (0.0,) * len(previous.velocity_m_s),
+        stop_reason=reason,
+    )
 
 
-def first_command(robot_id: int) -> Command:
-    """What counts as the command before the first: rest."""
-    return Command(robot_id, -1, 0.0, (0.0, 0.0), (0.0, 0.0))
+def first_command(robot_id: int, action_dim: int = 2, dims: int = 2) -> Command:
+    """What counts as the command before the first: rest, of so many components."""
+    return Command(robot_id, -1, 0.0, (0.0,) * action_dim, (0.0,) * dims)
 
 
 def team_fault(team: TeamState, max_age_s: float, now_s: float) -> str:
@@ -85,16 +92,17 @@ def _component(wanted: float, last: float, low: float, high: float, max_step: fl
     return min(max(stepped, low), high)
 
 
-def _shortened(velocity: Vector2, max_speed: float) -> Vector2:
+def _shortened(velocity: Vector, max_speed: float) -> Vector:
     speed = math.hypot(*velocity)
     if speed <= max_speed:
         return velocity
-    return velocity[0] * max_speed / speed, velocity[1] * max_speed / speed
+    return tuple([component * max_speed / speed for component in velocity])
 
 
 def _usable(state: RobotState) -> bool:
-    return is_motion(*state.position_m, *state.velocity_m_s)
+    turn = state.heading_rad + state.yaw_rate_rad_s
+    return is_motion(state.position_m, state.velocity_m_s) and math.isfinite(turn)
 
 
-def _finite(vector: Vector2) -> bool:
-    return math.isfinite(vector[0]) and math.isfinite(vector[1])
+def _finite(vector: Vector) -> bool:
+    return math.isfinite(sum(vector))

@@ -31,7 +31,7 @@ from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
 from edge_runtime.guidance.projection import PLANAR, cone, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope
-from edge_runtime.messages import GuidedAction, TeamState, Vector2
+from edge_runtime.messages import GuidedAction, TeamState, Vector, Vector2
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.velocity_field import VelocityField
@@ -49,7 +49,7 @@ def guided_action(
     observation: Array,
     team: TeamState,
     guide: Guide,
-    start: Vector2 = (0.0, 0.0),
+    start: Vector = (0.0, 0.0),
     deadline_s: float = math.inf,
     most_steps: int | None = None,
 ) -> GuidedAction:
@@ -91,7 +91,7 @@ def _flow(
     policy: VelocityField,
     outlooks: Sequence[Outlook],
     guide: Guide,
-    start: Vector2,
+    start: Vector,
     deadline_s: float,
     most_steps: int,
 ) -> GuidedAction:
@@ -210,7 +210,7 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
 
 
 def _preferred(
-    sampled: Vector2, guide: Guide, descents: Callable[[Sequence[int], float, float], list[Vector2]]
+    sampled: Vector, guide: Guide, descents: Callable[[Sequence[int], float, float], list[Vector2]]
 ) -> Vector2:
     """Steps of the weighted sum of all preferences, each back into the ball of radius ``reach``."""
     weights = [guide.objectives[m].weight for m in guide.preferences]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.slopes import ObjectiveError, encoded, not_finite
-from edge_runtime.messages import GuidedAction, Vector2
+from edge_runtime.messages import GuidedAction, Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.policy.velocity_field import Sampler, Term
 
@@ -14,7 +14,7 @@ def native_flow(
     sampler: Sampler,
     outlooks: Sequence[Outlook],
     guide: Guide,
-    start: Vector2,
+    start: Vector,
     deadline_s: float,
     euler_steps: int,
     most_steps: int,

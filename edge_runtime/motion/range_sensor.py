@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.errors import PolicyError
-from edge_runtime.messages import Teammate, TeamState, Vector2
+from edge_runtime.messages import Teammate, TeamState, Vector, Vector2
 
 EXPLAINED_M: Final = 0.05
 """A reading that ends so near a teammate's disc is the teammate's: poses and readings have errors."""
@@ -49,7 +49,7 @@ class RangeSensor(msgspec.Struct, frozen=True, gc=False):
             )
         return team.ranges_m
 
-    def readings(self, origin: Vector2, discs: Iterable[Disc]) -> list[float]:
+    def readings(self, origin: Vector, discs: Iterable[Disc]) -> list[float]:
         """Compute readings in m, from the robot's centre: see the module's text."""
         ranges = [self.range_m] * len(self.rays)
         for disc_x, disc_y, radius in discs:

@@ -93,6 +93,6 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
     if not (math.isfinite(stamp_s) and all(map(math.isfinite, values))):
         raise FrameError(Refusal.NOT_FINITE)
     absurd = any(abs(value) > GREATEST for value in values)
-    if absurd or (kind == Kind.POSE and not is_motion(*values[:4])):
+    if absurd or (kind == Kind.POSE and not is_motion(values[:2], values[2:4])):
         raise FrameError(Refusal.MALFORMED)
     return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values)

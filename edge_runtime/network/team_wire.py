@@ -13,7 +13,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, is_motion
-from edge_runtime.messages import RobotState, Vector2
+from edge_runtime.messages import RobotState, Vector
 from edge_runtime.network.seal import MAGIC_BYTES, TAG_BYTES, FrameError, Magic, Refusal, seal, unseal
 
 LAST_TICK: Final = 2**62
@@ -45,7 +45,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     answer: int
     """The newest challenge that the sender had from the receiver; 0 before the first."""
     state: RobotState
-    intended_action: Vector2
+    intended_action: Vector
     listens: bool = True
     """Whether the sender wants the receiver's frames."""
     tick: int = 0
@@ -97,7 +97,7 @@ def decode(packet: bytes, key: bytes) -> Frame:
     if not all(map(math.isfinite, numbers)):
         raise FrameError(Refusal.NOT_FINITE)
     stamp, x, y, v_x, v_y, heading, a_x, a_y = numbers
-    if not is_motion(x, y, v_x, v_y) or max(abs(heading), abs(a_x), abs(a_y)) > GREATEST:
+    if not is_motion((x, y), (v_x, v_y)) or max(abs(heading), abs(a_x), abs(a_y)) > GREATEST:
         raise FrameError(Refusal.MALFORMED)
     state = RobotState(sender, stamp, (x, y), (v_x, v_y), heading)
     versions = GuideVersions(version, digest, next_digest, next_tick)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector
 from edge_runtime.policy.velocity_field import Sample, Sampler, Term
 from edge_runtime.policy.weights import FlowWeights
 
@@ -29,10 +29,10 @@ class _Network(Protocol):
         projection: int,
         count: int,
         terms: "array[float]",
-        start: Vector2,
+        start: Vector,
         left_s: float,
         most_steps: int,
-    ) -> tuple[Vector2, int, int, int, int, tuple[float, ...], tuple[int, ...]]: ...
+    ) -> tuple[Vector, int, int, int, int, tuple[float, ...], tuple[int, ...]]: ...
 
 
 class _Kernel(Protocol):
@@ -145,7 +145,7 @@ class CompiledPolicy:
         return known and all(map(self._kinds.__contains__, kinds))
 
     def sample(
-        self, projection: str, terms: Sequence[Term], start: Vector2, left_s: float, most_steps: int
+        self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
     ) -> Sample:
         """Flow one planar robot's action through its steps; see `Sampler.sample`.
 

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector
 
 
 class Term(NamedTuple):
@@ -27,7 +27,7 @@ class Term(NamedTuple):
 class Sample(NamedTuple):
     """A whole guided flow; compare `edge_runtime.messages.GuidedAction`."""
 
-    action: Vector2
+    action: Vector
     """Where the flow ended, or where it was when a gradient was not finite."""
     steps: int
     projections: int
@@ -46,7 +46,7 @@ class Sampler(Protocol):
         ...
 
     def sample(
-        self, projection: str, terms: Sequence[Term], start: Vector2, left_s: float, most_steps: int
+        self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
     ) -> Sample:
         """Flow one planar robot's action through its steps, for the observation set before.
 

@@ -16,7 +16,15 @@ from edge_runtime.common.printable import first_line
 from edge_runtime.common.regular_file import open_regular
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.json_codec import decoder
-from edge_runtime.recording.schema import CHANNELS, LATEST_S, LOG_FORMAT, TICK_CHANNELS, Inputs, Record, Tick
+from edge_runtime.recording.schema import (
+    CHANNELS,
+    LATEST_S,
+    READ_FORMATS,
+    TICK_CHANNELS,
+    Inputs,
+    Record,
+    Tick,
+)
 
 LARGEST_LOG: Final = 1 << 34
 """Bytes: a hundred and more files as edge-run ends them."""
@@ -176,8 +184,8 @@ def _check_start(topic: str, message: bytes, path: Path) -> None:
         found = ""
     if not found:
         raise ConfigError(f"{path}: is an MCAP file, but no log of edge-run: it does not begin with /start")
-    if found != LOG_FORMAT:
+    if found not in READ_FORMATS:
         raise ConfigError(
-            f"{path}: is a log of format {found!r}, this version reads {LOG_FORMAT!r}; "
+            f"{path}: is a log of format {found!r}, this version reads {', '.join(READ_FORMATS)}; "
             "read it with the version of cfpg-edge that wrote it"
         )

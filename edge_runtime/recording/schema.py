@@ -11,7 +11,8 @@ the same log time; `edge_runtime.recording.reader` puts them together again as o
   JSON has no form, is one of the strings "NaN", "Infinity" and "-Infinity", as in protobuf's JSON.
 - Every file of a run stands by itself: it begins with `Start` and the `LoggedObjectiveSet` in force.
 
-Whoever changes a record, also one of the runtime's own that is used here, raises `LOG_FORMAT`.
+Whoever changes a record, also one of the runtime's own that is used here, raises `LOG_FORMAT`; a new
+field has a default that is true of what older formats tell.
 """
 
 from typing import Final
@@ -19,10 +20,12 @@ from typing import Final
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, MOST_OBJECTIVES, MOST_ROBOTS, RATE_HZ, check_bounds
-from edge_runtime.messages import Command, GuidedAction, Integer, TeamState, Vector2
+from edge_runtime.messages import Action, Command, GuidedAction, Integer, TeamState, Vector2
 from edge_runtime.policy.adaptation import Adaptation
 
-LOG_FORMAT: Final = "cfpg-log/2"
+LOG_FORMAT: Final = "cfpg-log/3"
+READ_FORMATS: Final = ("cfpg-log/2", LOG_FORMAT)
+"""Logs of format 2 lack yaw rates and tracked objects: nobody's turned, and there were none."""
 LATEST_S: Final = 1e11
 """No clock of a robot says more: that is 3,000 years."""
 
@@ -194,9 +197,9 @@ class Inputs(msgspec.Struct, frozen=True, gc=False):
     misses: Integer
     """Deadlines missed so far in the run."""
     objectives_version: Integer
-    start: Vector2
+    start: Action
     """Start noise: where the flow began."""
-    previous_action: Vector2
+    previous_action: Action
     """The action commanded last, from which the slew limit counts."""
 
 

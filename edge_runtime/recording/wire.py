@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, TeamState, Vector
 from edge_runtime.recording.schema import (
     End,
     Inputs,
@@ -63,8 +63,8 @@ TickParts = tuple[
     float,  # its deadline
     int,  # deadlines missed so far
     int,  # version of the objectives
-    Vector2,  # start noise
-    Vector2,  # action commanded before
+    Vector,  # start noise
+    Vector,  # action commanded before
     TeamState,
     bytes | memoryview,  # observation, 32-bit floats
     GuidedAction,
@@ -81,7 +81,7 @@ _KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | Complaint | End]]] =
 _LETTERS: Final = {kind: letter for letter, kind in _KINDS.items()}
 _DECODERS: Final = {letter: msgspec.msgpack.Decoder(kind) for letter, kind in _KINDS.items()}
 _PARTS: Final = msgspec.msgpack.Decoder(
-    tuple[int, float, int, int, Vector2, Vector2, TeamState, bytes, GuidedAction, Command, tuple[float, ...]]
+    tuple[int, float, int, int, Vector, Vector, TeamState, bytes, GuidedAction, Command, tuple[float, ...]]
 )
 _encoder: Final = msgspec.msgpack.Encoder()
 _encode: Final = _encoder.encode

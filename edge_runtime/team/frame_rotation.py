@@ -4,7 +4,7 @@ import math
 
 from msgspec.structs import replace
 
-from edge_runtime.messages import Command, Vector2
+from edge_runtime.messages import Command, Vector
 
 
 def turned(command: Command, angle_rad: float) -> Command:
@@ -16,10 +16,11 @@ def turned(command: Command, angle_rad: float) -> Command:
     action, velocity = _turn(command.action, angle_rad), _turn(command.velocity_m_s, angle_rad)
     before, after = max(map(abs, command.action)), max(map(abs, action))
     if after > before:
-        action = action[0] * before / after, action[1] * before / after
+        action = tuple(component * before / after for component in action)
     return replace(command, action=action, velocity_m_s=velocity)
 
 
-def _turn(vector: Vector2, angle_rad: float) -> Vector2:
+def _turn(vector: Vector, angle_rad: float) -> Vector:
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    return cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1]
+    x, y, *rest = vector
+    return cosine * x - sine * y, sine * x + cosine * y, *rest

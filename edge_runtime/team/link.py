@@ -245,4 +245,6 @@ class NetworkTeam(Closing):
 
 def _at_rest(mate: Teammate) -> Teammate:
     """Return a teammate that was silent too long: where it was, without what it intended then."""
-    return Teammate(replace(mate.state, velocity_m_s=(0.0, 0.0)), age_s=mate.age_s)
+    state = mate.state
+    resting = replace(state, velocity_m_s=(0.0,) * len(state.velocity_m_s), yaw_rate_rad_s=0.0)
+    return Teammate(resting, (0.0,) * len(mate.intended_action), mate.age_s)

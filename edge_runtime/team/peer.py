@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from edge_runtime.messages import RobotState, Teammate, Vector2
+from edge_runtime.messages import RobotState, Teammate, Vector
 from edge_runtime.network.session import Session, random_nonce
 from edge_runtime.network.team_wire import Frame, GuideVersions
 
@@ -40,7 +40,7 @@ class Peer(Session[Frame]):
         boot_id: int,
         sequence: int,
         state: RobotState,
-        action: Vector2,
+        action: Vector,
         tick: int,
         versions: GuideVersions,
         *,

@@ -3,7 +3,7 @@
 The record in MessagePack, sealed with the team's key.
 """
 
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
@@ -12,7 +12,7 @@ from edge_runtime.network.seal import FrameError, Magic, Refusal, seal, unseal
 
 LONGEST: Final = 8192
 """Bytes of the longest record that is read."""
-FinitePair = tuple[Finite, Finite]
+FinitePlace = Annotated[tuple[Finite, ...], msgspec.Meta(min_length=2, max_length=3)]
 
 
 class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -43,9 +43,9 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     sequence: int
     sent_s: Finite
     """By its own wall clock."""
-    position_m: FinitePair | None
+    position_m: FinitePlace | None
     """None, as of everything that is measured, while it is unknown."""
-    velocity_m_s: FinitePair | None
+    velocity_m_s: FinitePlace | None
     speed_limit_m_s: Finite | None
     goal_distance_m: Finite | None
     nearest_m: Finite | None

@@ -15,7 +15,7 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.messages import Command, GuidedAction, TeamState, Vector2
+from edge_runtime.messages import Command, GuidedAction, TeamState, Vector
 from edge_runtime.network.datagrams import speak
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, encode
@@ -119,8 +119,8 @@ class StatusSender:
             started_s=self._started_s,
             sequence=self._sequence,
             sent_s=time.time(),
-            position_m=_known_pair(own.position_m),
-            velocity_m_s=_known_pair(own.velocity_m_s),
+            position_m=_known_place(own.position_m),
+            velocity_m_s=_known_place(own.velocity_m_s),
             speed_limit_m_s=self._speed_limit,
             goal_distance_m=_known(monitor.robots[own.robot_id].goal_distance_m),
             nearest_m=_known(
@@ -150,8 +150,8 @@ def _known(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _known_pair(pair: Vector2) -> Vector2 | None:
-    return pair if all(map(math.isfinite, pair)) else None
+def _known_place(place: Vector) -> Vector | None:
+    return place if all(map(math.isfinite, place)) else None
 
 
 def open_watch(mission: Mission, monitor: Monitor, grid: DeadlineGrid, timing: TimingRecord) -> Watch:

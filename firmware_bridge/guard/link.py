@@ -6,7 +6,7 @@ from typing import Protocol
 
 import msgspec
 
-from edge_runtime.messages import RobotState, Vector2
+from edge_runtime.messages import RobotState, Vector
 
 Steps = Iterator[float]
 """A sequence on the wire: each ``next`` does a step without blocking and gives the seconds until the next."""
@@ -21,8 +21,8 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
     sequence: int
     stamp_s: float
     """Monotonic time at which the runtime took the command's decision."""
-    action: Vector2
-    velocity_m_s: Vector2
+    action: Vector
+    velocity_m_s: Vector
     """Velocity in the team's common frame."""
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.errors import BridgeError
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector
 from firmware_bridge.kinematics.frames import rotate
 
 SIDEWAYS_TOLERANCE_M_S = 0.01
@@ -60,7 +60,7 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return 0.0 if slips or self.sideways == "refuse" else self.lookahead_m
 
 
-def motion_for(velocity_m_s: Vector2, heading_rad: float, base: Base) -> BaseMotion:
+def motion_for(velocity_m_s: Vector, heading_rad: float, base: Base) -> BaseMotion:
     """Return the motion that gives the base's reference point this velocity in the team's frame.
 
     A yaw rate beyond the base's shortens the whole motion, which keeps its curve.

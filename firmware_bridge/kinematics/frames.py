@@ -6,7 +6,7 @@ from north. FLU is a body's x forward, y left; FRD has y right. Only the horizon
 
 import math
 
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector, Vector2
 
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z: rotates FRD body axes into NED."""
@@ -33,7 +33,7 @@ def wrap(angle_rad: float) -> float:
     return math.pi if turned == -math.pi else turned
 
 
-def rotate(vector: Vector2, angle_rad: float) -> Vector2:
+def rotate(vector: Vector, angle_rad: float) -> Vector2:
     """Turn a vector counter-clockwise: body FLU to ENU with the heading, ENU to body with its negative."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

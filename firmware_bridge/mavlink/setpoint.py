@@ -2,7 +2,7 @@
 
 import math
 
-from edge_runtime.messages import RobotState, Vector2
+from edge_runtime.messages import RobotState, Vector, Vector2
 from edge_runtime.motion.dynamics import Dynamics
 from firmware_bridge.guard.link import Setpoint, SetpointLimits
 from firmware_bridge.kinematics.base import Base, motion_for
@@ -73,12 +73,12 @@ class Follower:
         finally:
             self._velocity = velocity
 
-    def _step(self, action: Vector2, velocity: Vector2) -> Vector2:
+    def _step(self, action: Vector, velocity: Vector) -> Vector2:
         """Return the velocity that the manifest's dynamics reach in one period."""
         decay, gain = self._preview.velocity_decay, self._preview.velocity_gain
         return decay * velocity[0] + gain * action[0], decay * velocity[1] + gain * action[1]
 
-    def _integrate(self, action: Vector2, measured: Vector2) -> Vector2:
+    def _integrate(self, action: Vector, measured: Vector) -> Vector2:
         x, y = self._step(action, measured if self._velocity is None else self._velocity)
         self._velocity = clamp((self._keep * x, self._keep * y), self._limits.speed_m_s)
         return self._velocity

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from edge_runtime.common.closing import Closing
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
-from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector2
+from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector
 from edge_runtime.motion.range_sensor import RangeSensor
 from firmware_bridge.simulation.plant import Plant
 
-REST: Vector2 = (0.0, 0.0)
+REST: Vector = (0.0, 0.0)
 
 
 class SimBridge(Closing):
@@ -102,7 +102,8 @@ class SimBridge(Closing):
     def _ranges(self, robot_id: int) -> tuple[float, ...] | None:
         if self._sensor is None:
             return None
-        mates = [(*mate.state.position_m, self.plant.radius_m) for mate in self._others(robot_id)]
+        places = (mate.state.position_m for mate in self._others(robot_id))
+        mates = [(x, y, self.plant.radius_m) for x, y in places]
         discs = [*mates, *self.plant.obstacles()]
         return tuple(self._sensor.readings(self._team[robot_id].state.position_m, discs))
 

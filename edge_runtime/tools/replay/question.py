@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from edge_runtime.messages import Command, Vector2
+from edge_runtime.messages import Command, Vector
 from edge_runtime.recording.schema import Start, Tick
 from edge_runtime.tools.replay.replay import Replay
 
@@ -22,7 +22,7 @@ class Answer:
     start: Start
     times_s: list[float] = field(default_factory=list)
     """From the run's start."""
-    positions_m: list[Vector2] = field(default_factory=list)
+    positions_m: list[Vector] = field(default_factory=list)
     done: list[Command] = field(default_factory=list)
     instead: list[Command] = field(default_factory=list)
 

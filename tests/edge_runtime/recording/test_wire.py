@@ -5,22 +5,34 @@ import struct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+from edge_runtime.messages import (
+    LONGEST_ACTION,
+    Command,
+    GuidedAction,
+    RobotState,
+    Teammate,
+    TeamState,
+    TrackedObject,
+)
 from edge_runtime.recording.schema import End, Inputs, LoggedObjectiveSet, Observation, StageTimes, Tick
 from edge_runtime.recording.wire import decode_packet, encode_packet, pack_tick, tick_packet
 
 floats = st.floats(allow_nan=True, allow_infinity=True)
 numbers = st.integers(0, 2**40)
-pairs = st.tuples(floats, floats)
+places = st.lists(floats, min_size=2, max_size=3).map(tuple)
+vectors = st.lists(floats, min_size=1, max_size=LONGEST_ACTION).map(tuple)
 many = st.lists(floats, max_size=4).map(tuple)
-states = st.builds(RobotState, st.integers(0, 9), floats, pairs, pairs, floats)
-mates = st.lists(st.builds(Teammate, states, pairs, floats), max_size=3).map(tuple)
-teams = st.builds(TeamState, states, mates, st.text(), st.none() | many, mates)
-actions = st.builds(GuidedAction, pairs, st.integers(0, 9), many, correction=pairs, cut=st.booleans())
-commands = st.builds(Command, st.integers(0, 9), numbers, floats, pairs, pairs, st.text())
+states = st.builds(RobotState, st.integers(0, 9), floats, places, places, floats, floats)
+mates = st.lists(st.builds(Teammate, states, vectors, floats), max_size=3).map(tuple)
+tracked = st.builds(TrackedObject, st.text(), floats, places, places, floats, floats, floats)
+teams = st.builds(
+    TeamState, states, mates, st.text(), st.none() | many, mates, st.lists(tracked, max_size=2).map(tuple)
+)
+actions = st.builds(GuidedAction, vectors, st.integers(0, 9), many, correction=vectors, cut=st.booleans())
+commands = st.builds(Command, st.integers(0, 9), numbers, floats, vectors, places, floats, st.text())
 ticks = st.builds(
     Tick,
-    st.builds(Inputs, numbers, floats, numbers, numbers, pairs, pairs),
+    st.builds(Inputs, numbers, floats, numbers, numbers, vectors, vectors),
     teams,
     st.builds(Observation, st.lists(st.floats(width=32), max_size=9).map(tuple)),
     actions,
