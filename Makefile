@@ -19,7 +19,7 @@ PYTEST := -m pytest -n auto --dist worksteal
 export OMP_NUM_THREADS := 1
 
 .PHONY: run test check lint types unit integration coverage oldest aarch64 sil budgets fuzz mutants \
-	socketcan chromium peers wheels deb clean
+	socketcan chromium peers docs wheels deb clean
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -78,6 +78,9 @@ mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: 
 	$(DEV)/bin/pip install --quiet --editable '.[dev,mutation]'
 	$(DEV)/bin/mutmut run
 	$(DEV)/bin/mutmut results
+
+docs: $(DEV)/ready  ## build/site/index.html: tutorial, how-to, reference, explanation
+	$(DEV)/bin/python -m mkdocs build --quiet --site-dir build/site
 
 wheels:  ## dist/: wheels with the kernel inside, sdist, SBOM, licences, of the last commit; minutes
 	PYTHON=$(PYTHON) sh packaging/wheels.sh dist

@@ -29,6 +29,7 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scale_m: float = 1.0
     """One of the policy's metres, in metres of the robots' world; all else in the file is in the robots'."""
     goal_tolerance_m: float = 0.1
+    """How near a robot must be to its goal to have reached it."""
     max_state_age_s: float = 0.1
     """An own state older than this stops the robot; may be made stricter, never laxer."""
     slew_per_s: float | None = None
@@ -49,6 +50,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     centre_m: Vector2
     """Where it is when the simulation begins."""
     radius_m: float
+    """Of the disc."""
     velocity_m_s: Vector2 = (0.0, 0.0)
     """At which it walks on, straight ahead, whoever stands in its way."""
 
@@ -89,6 +91,7 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robots: tuple[Robot, ...]
     team: Team = Team()
     objectives: tuple[Table, ...] = ()
+    """What the team is asked, a table ``[[objectives]]`` each: its ``type``, and that type's own keys."""
     guidance: GuidanceSettings = GuidanceSettings()
     carrier: CarrierSettings | None = None
     watch: WatchSettings | None = None

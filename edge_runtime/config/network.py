@@ -19,9 +19,11 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One member of the team."""
 
     id: int
+    """What frames, flags and reports call it; each robot's is its own."""
     start_m: Vector2
     """Where a simulated robot starts."""
     goal_m: Vector2
+    """Where it is to go, in the team's frame."""
     address: str | None = None
     """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
     neighbours: tuple[int, ...] | None = None

@@ -25,6 +25,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """
 
     mode: Mode = "terminal"
+    """How conflicts are resolved: the projection, and whether the finished action is corrected."""
     scale: float = 10.0
     """eta of eq. 10."""
     reach: float = 0.5

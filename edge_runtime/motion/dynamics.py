@@ -31,10 +31,13 @@ class Dynamics(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True
     """How a robot moves under its policy's action."""
 
     mass_kg: float
+    """What divides the force."""
     drag: float
     """Share of the velocity lost in one step, in [0, 1)."""
     dt_s: float
+    """Of one control step."""
     substeps: int = 1
+    """In which a control step is integrated."""
 
     def preview(self, steps: int) -> Preview:
         """Predict ``steps`` control periods ahead under a constant action.

@@ -23,6 +23,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
     preference: ClassVar[bool] = True
     look_ahead: int = 4
     radius_m: float
+    """Mean distance of the robots to their centroid."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -12,7 +12,9 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
 
     look_ahead: int = 4
     centre_m: Vector2
+    """Of the disc."""
     radius_m: float
+    """Of the disc."""
     buffer_m: float = 0.02
     """Guidance starts this far outside the disc."""
 

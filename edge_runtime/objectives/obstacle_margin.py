@@ -18,6 +18,7 @@ class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"
     kernel_term: ClassVar[str] = "safety_margin"
     look_ahead: int = 3
     distance_m: float
+    """From the robot's centre to the surface that is seen."""
     buffer_m: float = 0.02
     """Guidance starts this far outside the margin."""
 

@@ -29,6 +29,7 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
     margin_m: float = 0.0
     """How far beyond each other two robots must be along x to have passed."""
     clearance_m: float = 0.07
+    """Between the centres, while they pass."""
     pull: float = 2.0
     """Strongest pull on account of one neighbour, in units of the action."""
 

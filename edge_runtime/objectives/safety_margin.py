@@ -14,6 +14,7 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
     kernel_term: ClassVar[str] = "safety_margin"
     look_ahead: int = 3
     distance_m: float
+    """Between the centres of two robots."""
     buffer_m: float = 0.02
     """Guidance starts this far outside the margin."""
 

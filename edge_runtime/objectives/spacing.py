@@ -13,6 +13,7 @@ class Spacing(Objective, frozen=True, kw_only=True, tag="spacing"):
     preference: ClassVar[bool] = True
     look_ahead: int = 4
     distance_m: float
+    """Between the centres, to the closest neighbour."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -23,6 +23,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
     order: tuple[int, ...]
     """Robot ids from left to right."""
     gap_m: float
+    """Least distance along x between one and the next."""
     pull: float = 0.4
     """Strongest pull on account of one neighbour, in units of the action."""
 

@@ -13,6 +13,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
 
     kernel_term: ClassVar[str] = "speed_limit"
     limit_m_s: float
+    """The greatest speed that is asked for."""
     buffer_m_s: float = 0.01
     """Guidance starts this far below the limit."""
 

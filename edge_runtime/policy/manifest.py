@@ -20,25 +20,35 @@ class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One contiguous piece of the observation vector."""
 
     name: str
+    """Which of the known fields."""
     size: int
+    """Components."""
     unit: str
+    """Of each component."""
 
 
 class ActionField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One component of the action, with the limits that the policy was trained under."""
 
     name: str
+    """Which of the known components."""
     unit: str
+    """Of the component."""
     low: float
+    """Least value; at most 0, which is rest."""
     high: float
+    """Greatest value; at least 0."""
 
 
 class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The robot that the policy was trained for: its disc and its range sensor."""
 
     radius_m: float
+    """Of its disc."""
     lidar_rays: int
+    """How many, evenly spread; 0 for none."""
     lidar_range_m: float
+    """Of each ray; 0 without rays."""
     lidar_start_rad: float = 0.0
     """Direction of the first ray, from x counter-clockwise; the others follow evenly."""
 
@@ -53,18 +63,26 @@ class Network(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Shape of the flow network in ``policy.npz``."""
 
     activation: Activation
+    """Between its layers."""
     hidden: tuple[int, ...]
+    """Units of each hidden layer."""
     prior_std: float | None
+    """s of the prior field, which the network corrects; None where the network is all there is."""
 
 
 class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the policy comes from."""
 
     scenario: str
+    """The task."""
     algorithm: str
+    """As ``edge-train --algorithm`` calls it."""
     seed: int
+    """Of the training."""
     frames: int
+    """Steps of experience."""
     commit: str
+    """Of the training's code."""
     score: float
     """Unguided success on validation episodes, in [0, 1]."""
 
@@ -91,13 +109,17 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """``manifest.json``: everything the robot must know to run the policy as it was trained."""
 
     format: str
+    """``BUNDLE_FORMAT``."""
     name: str
+    """What summaries and logs call it."""
     runtime: Literal["numpy", "onnxruntime"]
     """Who can compute it: ``numpy`` from policy.npz, or ``onnxruntime`` from policy.onnx alone."""
     observation: tuple[ObservationField, ...]
     action: tuple[ActionField, ...]
     control_rate_hz: float
+    """The rate that it was trained at."""
     euler_steps: int
+    """T, the steps in which an action is made."""
     network: Network | None
     """None where only onnxruntime can express the graph."""
     dynamics: Dynamics
@@ -107,3 +129,4 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     files: dict[str, str]
     """SHA-256 of each other file of the bundle, in hexadecimal."""
     start: FlowStart = "noise"
+    """What its flow starts from."""

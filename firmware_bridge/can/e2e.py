@@ -38,12 +38,15 @@ class Protection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How one message is protected; sender and receiver share it."""
 
     profile: Literal["e2e_p01", "e2e_p02"]
+    """AUTOSAR profile 1 or 2."""
     data_id: int = 0
     """Profile 1: 16 bits that both sides know and that are not sent, or only in part."""
     data_id_mode: DataIdMode = "both"
+    """Profile 1: how the data id enters the CRC."""
     data_id_list: tuple[int, ...] = ()
     """Profile 2: 16 bytes, one for each counter value."""
     crc_byte: int = 0
+    """Where the CRC stands; the counter is in the low half of the byte after it."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.data_id <= 0xFFFF:

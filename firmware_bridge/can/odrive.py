@@ -22,7 +22,9 @@ class Watchdog(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The drives' own command timeout; off when they leave the factory."""
 
     timeout_s: float
+    """What ``--arm`` sets."""
     nodes: tuple[int, ...]
+    """CAN ids of the drives."""
     firmware: str
     """Version of the drives, such as 0.6.10: endpoint ids differ from one to the next."""
     timeout_endpoint: int

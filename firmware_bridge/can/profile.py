@@ -31,6 +31,7 @@ class Gains(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     forward: float = 0.0
     """Physical units per m/s."""
     lateral: float = 0.0
+    """As `forward`, to the left."""
     yaw: float = 0.0
     """Physical units per rad/s."""
     steering: float = 0.0
@@ -41,7 +42,9 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One frame of an enable or stop sequence; signals that are not named are zero."""
 
     message: str
+    """Of the DBC."""
     signals: dict[str, float] = {}
+    """Physical values by the names of the signals."""
     pause_s: float = 0.02
     """Time until the next step."""
 
@@ -60,8 +63,11 @@ class Rule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Holds while the newest value of a signal is one of, or none of, some values."""
 
     signal: str
+    """As ``Message.Signal``."""
     any_of: tuple[float, ...] = ()
+    """Values with which it holds."""
     none_of: tuple[float, ...] = ()
+    """Values with which it does not hold."""
 
     def __post_init__(self) -> None:
         if bool(self.any_of) == bool(self.none_of):
@@ -76,8 +82,11 @@ class MotionSignals(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The base's motion as weighted sums of feedback signals."""
 
     forward: dict[str, float]
+    """In m/s."""
     lateral: dict[str, float] = {}
+    """In m/s, to the left."""
     yaw: dict[str, float] = {}
+    """In rad/s, counter-clockwise."""
     steering: dict[str, float] = {}
     """Where given, an Ackermann base's yaw rate is computed from it."""
 
@@ -110,6 +119,7 @@ class ProfileLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The most that the firmware may be asked for."""
 
     speed_m_s: float
+    """Greatest commanded speed; `--max-speed` may only be lower."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_m_s < math.inf:
@@ -120,7 +130,9 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One kind of CAN robot; the field order is the order of the file."""
 
     dbc: str
+    """File of the frames, relative to this one."""
     transport: Literal["can", "limo_serial"]
+    """What carries them: a CAN bus, or the serial frames of a Limo."""
     period_s: float
     """Time between the frames of a ramp or a zero command; the firmware's usual command period."""
     limits: ProfileLimits
@@ -139,6 +151,7 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What no message tells and no robot drives without: each true once somebody has looked."""
     enable: tuple[Step, ...] = ()
     enable_timeout_s: float = 2.0
+    """How long the firmware may take to be ready after the enable sequence."""
     recoveries: int = 3
     """How many times in one run a fault or stale feedback is answered by the enable sequence."""
     frame_ids: dict[str, int] = {}

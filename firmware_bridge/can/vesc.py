@@ -26,6 +26,7 @@ class Vescs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """VESCs that are asked for their timeout."""
 
     controllers: tuple[int, ...]
+    """CAN ids of the VESCs."""
 
     def __post_init__(self) -> None:
         most = LAST_ID - MOST_VESCS

@@ -32,16 +32,19 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the wheels allow."""
 
     kind: Literal["omnidirectional", "differential", "ackermann"]
+    """How it turns: on the spot and sideways, by the difference of its wheels, or by steering."""
     sideways: Literal["refuse", "lookahead"] = "refuse"
     """For wheels that do not slip: refuse sideways velocities, or steer a point ahead of the axle by them."""
     lookahead_m: float = 0.0
     """Distance of that point ahead of the (rear) axle; it is also the point whose position is reported."""
     max_yaw_rad_s: float = math.inf
+    """Greatest yaw rate that is commanded."""
     wheelbase_m: float = 0.0
     """Ackermann: from the axle that does not steer to the one that does; half of it where both do."""
     track_m: float = 0.0
     """Ackermann: between the wheels of an axle, where the steering angle is the inner wheel's; else 0."""
     max_steering_rad: float = 0.0
+    """Ackermann: greatest steering angle that is commanded."""
 
     def __post_init__(self) -> None:
         if self.kind != "omnidirectional" and self.sideways == "lookahead" and not self.lookahead_m > 0.0:

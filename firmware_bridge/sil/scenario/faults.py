@@ -21,6 +21,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Base of every fault; times count from the moment at which all robots drive."""
 
     at_s: float
+    """When it begins."""
 
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
@@ -54,6 +55,7 @@ class Lasting(Fault, frozen=True, kw_only=True):
     """A fault that ends."""
 
     for_s: float
+    """How long it lasts; it must end within the run."""
 
     @property
     def end_s(self) -> float:
@@ -65,7 +67,9 @@ class Kill(Fault, frozen=True, kw_only=True, tag="kill"):
     """SIGKILL of one of a robot's processes."""
 
     robot: int
+    """Whose."""
     part: Literal["runtime", "guard", "logger"] = "runtime"
+    """Which of its processes."""
 
     @property
     def hits(self) -> tuple[int, ...]:
@@ -77,13 +81,16 @@ class Freeze(Lasting, frozen=True, kw_only=True, tag="freeze"):
     """SIGSTOP of one of a robot's processes, then SIGCONT; its guard has stopped it for good by then."""
 
     robot: int
+    """Whose."""
     part: Literal["runtime", "guard"] = "runtime"
+    """Which of its processes."""
 
 
 class CpuHog(Lasting, frozen=True, kw_only=True, tag="cpu_hog"):
     """Processes that compute without end, of ordinary priority."""
 
     processes: int = 1
+    """How many."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,7 +105,9 @@ class ClockJump(Fault, frozen=True, kw_only=True, tag="clock_jump"):
     """
 
     by_s: float = 3600.0
+    """How far ahead."""
     whole_machine: bool = False
+    """Must be true: that you know that it sets the whole machine's clock."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,6 +156,7 @@ class Reorder(SharedFault, frozen=True, kw_only=True, tag="reorder"):
     """Packets are held back so long that later ones overtake them."""
 
     hold_ms: float = 30.0
+    """How long a packet is held back."""
 
 
 class CorruptPackets(SharedFault, frozen=True, kw_only=True, tag="corrupt_packets"):
@@ -157,7 +167,9 @@ class Delay(NetworkFault, frozen=True, kw_only=True, tag="delay"):
     """Packets arrive late, by up to ``jitter_ms`` more than ``delay_ms``."""
 
     delay_ms: float
+    """Of every packet."""
     jitter_ms: float = 0.0
+    """At most this much more, drawn anew for each packet."""
 
 
 class Blackout(NetworkFault, frozen=True, kw_only=True, tag="blackout"):
@@ -168,6 +180,7 @@ class WireFault(Lasting, frozen=True, kw_only=True):
     """A fault of what one robot's firmware sends."""
 
     robot: int
+    """Whose firmware."""
 
 
 class StalePose(WireFault, frozen=True, kw_only=True, tag="stale_pose"):
@@ -190,6 +203,7 @@ class Hostile(Lasting, frozen=True, kw_only=True, tag="hostile"):
     """A peer without the key sends frames to every robot: random, forged, recorded and altered ones."""
 
     frames: int
+    """How many to each robot, spread over its time."""
 
 
 class Objectives(Fault, frozen=True, kw_only=True, tag="objectives"):
