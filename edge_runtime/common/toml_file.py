@@ -1,5 +1,6 @@
 """TOML tables to frozen records; every error is one line that names the file, the key and what is allowed."""
 
+import codecs
 import math
 import re
 import types
@@ -9,6 +10,7 @@ from typing import Any, Final, Literal, NoReturn, TypeVar, Union, get_args, get_
 import msgspec
 
 from edge_runtime.common.regular_file import BYTE_ORDER_MARK, read_regular
+from edge_runtime.common.units import unit_of
 from edge_runtime.errors import ConfigError
 
 T = TypeVar("T")
@@ -22,6 +24,9 @@ LARGEST_INTEGER: Final = 2**63 - 1
 _LONGEST_KEY: Final = 300
 """Parts of a dotted key; one of a file's length would take a parser's time and memory by its square."""
 _SHOWN: Final = 40
+_DIGITS: Final = r"\d+\.?\d*(?:[eE][-+]?\d+)?"
+_NUMBER_WANTED: Final = ("Expected `float", "Expected `int")
+_UTF_16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_toml(path: Path) -> Table:
@@ -52,6 +57,8 @@ def parse_toml(content: bytes, path: Path) -> Table:
         ConfigError: if it is not TOML, is nested deeper than `DEEPEST`, or holds nan, inf, an integer beyond
             `LARGEST_INTEGER` or a text that cannot be shown.
     """
+    if content.startswith(_UTF_16):
+        refuse(path, "", "begins with a byte-order mark of UTF-16; save it as UTF-8")
     try:
         if any(part.count(b".") > _LONGEST_KEY for part in re.split(rb"[=,{\[\n]", content)):
             raise RecursionError
@@ -77,7 +84,20 @@ def to_record(table: object, record: type[T], path: Path, key: str = "") -> T:
         place, inside, _ = place.rstrip("`").partition("[...]")
         if inside:
             _check_items(table, record, place, path, key)
-        _refuse_place(complaint, record, place, path, key)
+        hint = _number_in(table, place) if complaint.startswith(_NUMBER_WANTED) else ""
+        _refuse_place(complaint + hint, record, place, path, key)
+
+
+def _number_in(table: Any, place: str) -> str:  # noqa: ANN401
+    """Say how to write a number that stands at ``place`` as a text, with its unit or in quotes alone."""
+    steps = re.findall(r"\w+", place)
+    for step in steps:
+        table = table[int(step) if step.isdigit() else step]
+    found = re.fullmatch(rf"\s*([-+]?{_DIGITS})\s*(\S*)\s*", table) if isinstance(table, str) else None
+    if found is None:
+        return ""
+    unit = unit_of(next((step for step in reversed(steps) if not step.isdigit()), ""))
+    return f"; write a number without quotes{f', in {unit}' if unit else ''}, such as {found[1]}"
 
 
 def _check_items(table: Any, record: object, place: str, path: Path, key: str) -> None:  # noqa: ANN401

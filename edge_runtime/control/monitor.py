@@ -6,10 +6,13 @@ from collections import Counter
 from typing import Final
 
 from edge_runtime.config.fleet import Fleet
+from edge_runtime.control.judgement import SETTLE_S, Judging
+from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState
 
-SETTLE_S: Final = 2.0
-"""After a change of objectives robots must first brake or part: separations and speeds count from then on."""
+WAITS: Final = "no own state yet"
+"""Why a robot stands of which nothing is known."""
 
 
 class RobotTally:
@@ -30,9 +33,10 @@ class Monitor:
         fleet: the robots with their goals.
         hold_ticks: for how many ticks in a row all robots must be at their goals to hold them.
         euler_steps: of a complete sample.
+        asked: the objectives that the run begins with.
     """
 
-    def __init__(self, fleet: Fleet, hold_ticks: int, euler_steps: int) -> None:
+    def __init__(self, fleet: Fleet, hold_ticks: int, euler_steps: int, asked: ObjectiveSet) -> None:
         self.robots = {robot.id: RobotTally() for robot in fleet.robots}
         self.faults: Counter[str] = Counter()
         """Ticks that stopped the robot, by reason."""
@@ -40,26 +44,26 @@ class Monitor:
         """The first fault that was an objective's."""
         self.saw_itself = False
         """Whether the robot's own state was ever known."""
-        self.settled = True
-        """Whether the objectives have held long enough to be judged."""
+        self.stop_reason = ""
+        """Why the newest command is zero; empty while the robot drives."""
+        self.judged = [Judging(asked)]
+        """Each set of objectives so far, over its own time."""
         self.anytime_ticks = 0
         """Ticks whose sample was cut short by the deadline."""
         self._goals = {robot.id: robot.goal_m for robot in fleet.robots}
         self._tolerance_m = fleet.team.goal_tolerance_m
         self._hold_ticks, self._held = hold_ticks, 0
         self._euler_steps = euler_steps
-        self._settled_s = -math.inf
 
     def update(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Take one tick into account."""
         self.saw_itself = True
-        self.settled = team.own.stamp_s >= self._settled_s
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
         self._follow_team(states)
-        if self.settled:
-            self._judge(states, team)
+        self._measure(states, team)
         if guided.objective_failed and not self.objective_fault:
             self.objective_fault = guided.fault
+        self.stop_reason = command.stop_reason
         if command.stop_reason:
             self.faults[command.stop_reason] += 1
         elif guided.steps < self._euler_steps:
@@ -67,13 +71,12 @@ class Monitor:
 
     def no_state(self) -> None:
         """Count a tick in which neither bridge nor pose stream had a state to give."""
-        self.faults["no own state yet"] += 1
+        self.stop_reason = WAITS
+        self.faults[WAITS] += 1
 
-    def judge_anew(self, now_s: float) -> None:
-        """Forget separations and speeds: other objectives hold now, and are judged after `SETTLE_S`."""
-        self._settled_s, self.settled = now_s + SETTLE_S, False
-        for tally in self.robots.values():
-            tally.min_separation_m, tally.max_speed_m_s, tally.silent_ticks = math.inf, 0.0, 0
+    def judge_anew(self, guide: Guide, now_s: float) -> None:
+        """Begin to judge by other objectives, which hold from now on: after `SETTLE_S`."""
+        self.judged.append(Judging(guide.asked, guide.version, now_s + SETTLE_S))
 
     def reached(self, robot_id: int) -> bool:
         """Whether a robot is at its goal now."""
@@ -90,14 +93,17 @@ class Monitor:
             tally.goal_distance_m = math.dist(state.position_m, self._goals[state.robot_id])
         self._held = self._held + 1 if all(map(self.reached, self.robots)) else 0
 
-    def _judge(self, states: list[RobotState], team: TeamState) -> None:
+    def _measure(self, states: list[RobotState], team: TeamState) -> None:
         for mate in team.silent:
             self.robots[mate.state.robot_id].silent_ticks += 1
+        least, fastest = math.inf, 0.0
         for state in states:
-            tally = self.robots[state.robot_id]
-            tally.max_speed_m_s = max(tally.max_speed_m_s, math.hypot(*state.velocity_m_s))
+            tally, speed = self.robots[state.robot_id], math.hypot(*state.velocity_m_s)
+            tally.max_speed_m_s, fastest = max(tally.max_speed_m_s, speed), max(fastest, speed)
         for state, other in itertools.combinations(states, 2):
             distance = math.dist(state.position_m, other.position_m)
+            least = min(least, distance)
             for robot_id in (state.robot_id, other.robot_id):
                 tally = self.robots[robot_id]
                 tally.min_separation_m = min(tally.min_separation_m, distance)
+        self.judged[-1].follow(team, least, fastest)

@@ -15,7 +15,7 @@ import msgspec
 
 from edge_runtime.control.bridge import Reaction
 from edge_runtime.control.mission import Mission
-from edge_runtime.objectives import SafetyMargin, SpeedLimit
+from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy.manifest import Manifest
 
 NOTICING_S = 0.025
@@ -58,13 +58,12 @@ def stopping(mission: Mission, max_speed_m_s: float, reaction: Reaction) -> Stop
         max_speed_m_s: greatest speed that the link lets through.
         reaction: of the link.
     """
-    wanted, manifest = mission.objective_set.objectives, mission.bundle.manifest
+    margin_m, manifest = mission.objective_set.margin_m, mission.bundle.manifest
     own = mission.fleet.robot(mission.robot_id).max_speed_m_s or math.inf
     limits = [one.limit_m_s for one in mission.objectives if isinstance(one, SpeedLimit)]
-    margins = [one.distance_m for one in wanted if isinstance(one, SafetyMargin)]
     speed_m_s = min(max_speed_m_s, own, *limits)
     deceleration = reaction.deceleration_m_s2 or _braking_m_s2(manifest)
-    room_m = max(margins) - 2.0 * manifest.body.radius_m if margins else None
+    room_m = None if margin_m is None else margin_m - 2.0 * manifest.body.radius_m
     return Stopping(speed_m_s, deceleration, travels(speed_m_s, deceleration, reaction), room_m)
 
 

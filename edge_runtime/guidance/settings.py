@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
-from edge_runtime.objectives import Objective
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 
 Mode = Literal["none", "hierarchical", "cone", "terminal"]
 """``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""
@@ -47,3 +47,20 @@ class ObjectiveSet(msgspec.Struct, frozen=True):
 
     objectives: tuple[Objective, ...] = ()
     guidance: GuidanceSettings = GuidanceSettings()
+
+    @property
+    def speed_limit_m_s(self) -> float | None:
+        """The least speed limit among them; None without one."""
+        limits = (each.limit_m_s for each in self.objectives if isinstance(each, SpeedLimit))
+        return min(limits, default=None)
+
+    @property
+    def margin_m(self) -> float | None:
+        """The greatest safety margin among them; None without one."""
+        margins = (each.distance_m for each in self.objectives if isinstance(each, SafetyMargin))
+        return max(margins, default=None)
+
+    @property
+    def text(self) -> str:
+        """What they ask for, for a person."""
+        return ", ".join(f"{each.name} {each.asks}".strip() for each in self.objectives) or "none"

@@ -27,8 +27,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.radius_m <= 0.0:
-            raise ValueError(f"`radius_m` must be positive, got {self.radius_m}")
+        self.require_positive("radius_m")
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

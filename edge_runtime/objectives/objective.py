@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.common.units import unit_of
 from edge_runtime.motion.outlook import Outlook, PredictedMotion
 
 LONGEST_LOOK_AHEAD = 1000
@@ -55,15 +56,35 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"`{field}` must be finite, got {value}")
             if isinstance(value, float | tuple):
                 check_bounds(self, {field: (-GREATEST, GREATEST)})
-        if self.weight < 0.0:
-            raise ValueError(f"`weight` must not be negative, got {self.weight}")
+        self.require_not_negative("weight")
         if not 1 <= self.look_ahead <= LONGEST_LOOK_AHEAD:
             raise ValueError(f"`look_ahead` must lie in [1, {LONGEST_LOOK_AHEAD}], got {self.look_ahead}")
+
+    def require_positive(self, *fields: str) -> None:
+        """Raise ValueError for the first of these fields that is not above zero."""
+        for field in fields:
+            if getattr(self, field) <= 0.0:
+                raise ValueError(f"`{field}` must be positive, got {getattr(self, field)}")
+
+    def require_not_negative(self, *fields: str) -> None:
+        """Raise ValueError for the first of these fields that is below zero."""
+        for field in fields:
+            if getattr(self, field) < 0.0:
+                raise ValueError(f"`{field}` must not be negative, got {getattr(self, field)}")
 
     @property
     def name(self) -> str:
         """The name under which configuration and reports know this objective."""
         return str(self.__struct_config__.tag or type(self).__name__)
+
+    @property
+    def asks(self) -> str:
+        """What it asks for: its first own number, with the unit that its name ends in; empty without one."""
+        for field in self.__struct_fields__:
+            value = getattr(self, field)
+            if field not in Objective.__struct_fields__ and isinstance(value, int | float):
+                return f"{value:g} {unit_of(field)}".strip()
+        return ""
 
     @property
     def sight_m(self) -> float:

@@ -37,11 +37,8 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
         super().__post_init__()
         if len(self.order) < 2 or len(set(self.order)) < len(self.order):
             raise ValueError(f"`order` must name at least two robots, each once, got {list(self.order)}")
-        for field in ("reach_m", "clearance_m", "pull"):
-            if getattr(self, field) <= 0.0:
-                raise ValueError(f"`{field}` must be positive, got {getattr(self, field)}")
-        if self.margin_m < 0.0:
-            raise ValueError(f"`margin_m` must not be negative, got {self.margin_m}")
+        self.require_positive("reach_m", "clearance_m", "pull")
+        self.require_not_negative("margin_m")
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

@@ -20,11 +20,8 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.distance_m <= 0.0 or self.buffer_m < 0.0:
-            raise ValueError(
-                f"`distance_m` must be positive and `buffer_m` not negative, "
-                f"got {self.distance_m} and {self.buffer_m}"
-            )
+        self.require_positive("distance_m")
+        self.require_not_negative("buffer_m")
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

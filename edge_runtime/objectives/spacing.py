@@ -17,8 +17,7 @@ class Spacing(Objective, frozen=True, kw_only=True, tag="spacing"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.distance_m <= 0.0:
-            raise ValueError(f"`distance_m` must be positive, got {self.distance_m}")
+        self.require_positive("distance_m")
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

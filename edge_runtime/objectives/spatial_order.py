@@ -31,10 +31,8 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
         super().__post_init__()
         if len(self.order) < 2 or len(set(self.order)) < len(self.order):
             raise ValueError(f"`order` must name at least two robots, each once, got {list(self.order)}")
-        if self.gap_m < 0.0 or self.pull <= 0.0:
-            raise ValueError(
-                f"`gap_m` must not be negative and `pull` must be positive, got {self.gap_m} and {self.pull}"
-            )
+        self.require_not_negative("gap_m")
+        self.require_positive("pull")
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

@@ -19,9 +19,11 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.buffer_m_s < self.limit_m_s:
+        self.require_positive("limit_m_s")
+        self.require_not_negative("buffer_m_s")
+        if self.buffer_m_s >= self.limit_m_s:
             raise ValueError(
-                f"`buffer_m_s` must lie in [0, limit_m_s), got {self.buffer_m_s} of {self.limit_m_s}"
+                f"`buffer_m_s` must be below `limit_m_s`, got {self.buffer_m_s} of {self.limit_m_s}"
             )
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:

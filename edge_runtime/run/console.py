@@ -1,20 +1,24 @@
 """What a person sees of a run: one live line, and the summary."""
 
 import contextlib
+import math
 import os
 import threading
-from collections.abc import Iterator
-from typing import TextIO
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple, TextIO
 
-from edge_runtime.common.printable import printed
-from edge_runtime.control.monitor import SETTLE_S, Monitor
+from edge_runtime.common.printable import printable, printed
+from edge_runtime.control.judgement import SETTLE_S, Judgement
+from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid
 from edge_runtime.control.stopping import Stopping, describe
 from edge_runtime.run.run_report import RunReport
 
 TERMINAL_INTERVAL_S = 0.1
 PLAIN_INTERVAL_S = 1.0
-UNSETTLED = f"not judged: the objectives changed less than {SETTLE_S:g} s before the end"
+UNJUDGED: Final = f"not judged, it held for less than {SETTLE_S:g} s"
+LONGEST_LINE: Final = 78
+"""Characters: a terminal would wrap a longer line and leave its head behind."""
 
 
 class LiveLine:
@@ -55,12 +59,15 @@ class LiveLine:
 
     def _status(self) -> str:
         monitor = self._monitor
+        begin = f"{self._grid.next_s:5.1f} s  robot {self._robot_id}"
+        if monitor.stop_reason:
+            text = f"{begin} stands: {printable(monitor.stop_reason)}"
+            return text[:LONGEST_LINE] if self._terminal else text
         own = monitor.robots[self._robot_id]
         reached = sum(map(monitor.reached, monitor.robots))
-        # Under 80 columns, or a terminal would wrap the line and leave its head behind.
+        nearest = f"{own.min_separation_m:.2f} m" if math.isfinite(own.min_separation_m) else "-"
         return (
-            f"{self._grid.next_s:5.1f} s  robot {self._robot_id}: goal {own.goal_distance_m:.2f} m, "
-            f"nearest {own.min_separation_m:.2f} m; "
+            f"{begin}: goal {own.goal_distance_m:.2f} m, nearest {nearest}; "
             f"{reached} of {len(monitor.robots)} there, {self._grid.misses} missed"
         )
 
@@ -117,34 +124,67 @@ def _goals(report: RunReport, colour: bool) -> str:
     return f"{verdict}: {', '.join(robots)}"
 
 
+class _Row(NamedTuple):
+    """One quantity in one judgement."""
+
+    judgement: Judgement
+    measured: float | None
+    limit: float | None
+    asked: str
+    """The limit in words."""
+    kept: bool
+
+
 def _separation(report: RunReport, colour: bool) -> str:
-    if not report.settled:
-        return UNSETTLED
-    least, margin = report.min_separation_m, report.safety_margin_m
-    if least is None:
+    if report.min_separation_m is None:
         return "no other robot was seen"
-    if margin is None:
-        return f"{least:.3f} m at least"
-    if least >= margin and (silent := _silent(report)):
-        return f"{least:.3f} m at least among those heard, margin {margin:g} m; {silent}"
-    return f"{least:.3f} m at least, margin {margin:g} m {_kept(least >= margin, colour)}"
+    rows = []
+    for one in report.judgements:
+        least, margin = one.min_separation_m, one.safety_margin_m
+        kept = least is None or margin is None or least >= margin
+        rows.append(_Row(one, least, margin, f"margin {margin or 0.0:g} m", kept))
+    return _by_sets(f"{report.min_separation_m:.3f} m at least", "m", rows, colour)
 
 
 def _speed(report: RunReport, colour: bool) -> str:
-    if not report.settled:
-        return UNSETTLED
-    greatest, limit = report.max_speed_m_s, report.speed_limit_m_s
-    if limit is None:
-        return f"{greatest:.3f} m/s at most"
-    if greatest <= limit and (silent := _silent(report)):
-        return f"{greatest:.3f} m/s at most among those heard, limit {limit:g} m/s; {silent}"
-    return f"{greatest:.3f} m/s at most, limit {limit:g} m/s {_kept(greatest <= limit, colour)}"
+    rows = []
+    for one in report.judgements:
+        greatest, limit = one.max_speed_m_s, one.speed_limit_m_s
+        kept = limit is None or greatest <= limit
+        rows.append(_Row(one, greatest, limit, f"limit {limit or 0.0:g} m/s", kept))
+    return _by_sets(f"{report.max_speed_m_s:.3f} m/s at most", "m/s", rows, colour)
 
 
-def _silent(report: RunReport) -> str:
+def _by_sets(whole: str, unit: str, rows: Sequence[_Row], colour: bool) -> str:
+    """The extreme of the whole run, and what each set of objectives came to over its own time."""
+    if len(rows) == 1:
+        return _against(whole, rows[0], colour)
+    return "; ".join([whole, *(f"set {row.judgement.version}: {_told(row, unit, colour)}" for row in rows)])
+
+
+def _told(row: _Row, unit: str, colour: bool) -> str:
+    if not row.judgement.judged_s:
+        return UNJUDGED
+    return (
+        "nobody else was seen"
+        if row.measured is None
+        else _against(f"{row.measured:.3f} {unit}", row, colour)
+    )
+
+
+def _against(value: str, row: _Row, colour: bool) -> str:
+    if row.limit is None or row.measured is None:
+        return value
+    if row.kept and row.judgement.silent_s:
+        return f"{value} among those heard, {row.asked}; {_silent(row.judgement)}"
+    return f"{value}, {row.asked} {_kept(row.kept, colour)}"
+
+
+def _silent(judgement: Judgement) -> str:
     """Say of whom nothing was known for a time: no limit can be called kept then."""
-    silent = [robot for robot in report.robots if robot.silent_s > 0.0]
-    return ", ".join(f"robot {robot.robot_id} silent for {robot.silent_s:.1f} s" for robot in silent)
+    return ", ".join(
+        f"robot {robot_id} silent for {silent_s:.1f} s" for robot_id, silent_s in judgement.silent_s.items()
+    )
 
 
 def _misses(report: RunReport) -> str:

@@ -60,7 +60,7 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         if guide := fleet.new_guide():
             controller.guide = guide
             session.watch.adopt(guide)
-            monitor.judge_anew(own.stamp_s)
+            monitor.judge_anew(guide, own.stamp_s)
         timing.lap()
         observation = controller.observe(team)
         timing.lap()
@@ -162,7 +162,7 @@ def _prepare(
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
     sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
     grid = DeadlineGrid(mission.period_s, sleep=sleep)
-    monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps)
+    monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps, mission.objective_set)
     timing = TimingRecord(STAGES)
     if recorder:
         recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)

@@ -4,11 +4,11 @@ import math
 
 import msgspec
 
+from edge_runtime.control.judgement import Judgement
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, Percentiles, TimingRecord
 from edge_runtime.control.stopping import Stopping
-from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.recording.wire import LogReport
 from edge_runtime.team.report import FleetReport
 
@@ -60,14 +60,17 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """This robot is at its goal."""
     team_goals_reached: bool
     min_separation_m: float | None
-    """Least distance between any two centres of the team; None if no other robot was seen."""
+    """Least distance between any two centres of the team in the whole run; None if nobody else was seen."""
     safety_margin_m: float | None
-    """What the objectives ask of it, guided or not."""
+    """What the last objectives ask of it, guided or not."""
     max_speed_m_s: float
-    """Greatest speed of any robot of the team."""
+    """Greatest speed of any robot of the team in the whole run."""
     speed_limit_m_s: float | None
+    """What the last objectives ask of it."""
     settled: bool = True
-    """False if the run ended too soon after a change of objectives to judge separations and speeds."""
+    """False if the last objectives held too short a time to be judged."""
+    judgements: tuple[Judgement, ...]
+    """One for each set of objectives, in the order in which they held."""
     robots: tuple[RobotReport, ...]
     fleet: FleetReport | None
     """The team's network; None for a team in one process."""
@@ -96,8 +99,8 @@ def make_report(
 ) -> RunReport:
     """Sum up a run."""
     robots = tuple(_robot_report(robot_id, monitor, mission.period_s) for robot_id in monitor.robots)
+    judgements = tuple(judging.judgement(mission.period_s) for judging in monitor.judged)
     separations = [robot.min_separation_m for robot in robots if robot.min_separation_m is not None]
-    wanted = mission.objective_set.objectives
     return RunReport(
         robot_id=mission.robot_id,
         policy=mission.bundle.manifest.name,
@@ -121,10 +124,11 @@ def make_report(
         goal_reached=monitor.reached(mission.robot_id),
         team_goals_reached=all(robot.goal_reached for robot in robots),
         min_separation_m=min(separations, default=None),
-        safety_margin_m=max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None),
         max_speed_m_s=max(robot.max_speed_m_s for robot in robots),
-        speed_limit_m_s=min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None),
-        settled=monitor.settled,
+        safety_margin_m=judgements[-1].safety_margin_m,
+        speed_limit_m_s=judgements[-1].speed_limit_m_s,
+        settled=judgements[-1].judged_s > 0.0,
+        judgements=judgements,
         robots=robots,
         fleet=fleet,
         log=log,

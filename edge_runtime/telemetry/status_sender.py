@@ -17,14 +17,12 @@ from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState, Vector
 from edge_runtime.network.datagrams import speak
-from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, encode
 
 RATE_HZ: Final = 5.0
 WINDOW_S: Final = 2.0
 """Durations are those of so much time before a status."""
 LONGEST_TEXT: Final = 200
-UNITS: Final = {"_m_s": "m/s", "_m": "m", "_rad": "rad", "_s": "s"}
 
 
 class Watch(Protocol):
@@ -91,10 +89,8 @@ class StatusSender:
     def adopt(self, guide: Guide) -> None:
         """Take note of what steers from here on."""
         self._version = guide.version
-        self._asked = [(item.name, limit_text(item)) for item in guide.objectives]
-        wanted = guide.asked.objectives  # judged also where the flow is left alone
-        self._speed_limit = min((w.limit_m_s for w in wanted if isinstance(w, SpeedLimit)), default=None)
-        self._margin = max((w.distance_m for w in wanted if isinstance(w, SafetyMargin)), default=None)
+        self._asked = [(item.name, item.asks) for item in guide.objectives]
+        self._wanted = guide.asked  # judged also where the flow is left alone
 
     def tell(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
         """Send a status if it is time to. Never blocks, never raises what the network does."""
@@ -121,7 +117,7 @@ class StatusSender:
             sent_s=time.time(),
             position_m=_known_place(own.position_m),
             velocity_m_s=_known_place(own.velocity_m_s),
-            speed_limit_m_s=self._speed_limit,
+            speed_limit_m_s=self._wanted.speed_limit_m_s,
             goal_distance_m=_known(monitor.robots[own.robot_id].goal_distance_m),
             nearest_m=_known(
                 min(
@@ -129,7 +125,7 @@ class StatusSender:
                     default=math.inf,
                 )
             ),
-            margin_m=self._margin,
+            margin_m=self._wanted.margin_m,
             rate_hz=grid.rate_hz,
             nominal_rate_hz=self._mission.rate_hz,
             missed=grid.misses,
@@ -164,13 +160,3 @@ def open_watch(mission: Mission, monitor: Monitor, grid: DeadlineGrid, timing: T
     if fleet.watch is None or fleet.carrier is None:
         return Unwatched()
     return StatusSender(mission, monitor, grid, timing, endpoint(fleet.watch.address), team_key(fleet))
-
-
-def limit_text(objective: Objective) -> str:
-    """Return what an objective asks for: its first own number, with the unit that its name ends in."""
-    for field in objective.__struct_fields__:
-        value = getattr(objective, field)
-        if field not in Objective.__struct_fields__ and isinstance(value, int | float):
-            unit = next((unit for end, unit in UNITS.items() if field.endswith(end)), "")
-            return f"{value:g} {unit}".strip()
-    return ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.common.bounds import GREATEST
-from edge_runtime.control.monitor import SETTLE_S
+from edge_runtime.control.judgement import SETTLE_S
 from edge_runtime.messages import Vector2
 from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, RobotPlace
 from edge_runtime.tools.report.digest import RunDigest

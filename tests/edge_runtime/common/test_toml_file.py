@@ -3,9 +3,10 @@
 import os
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from edge_runtime.common.toml_file import parse_toml, read_toml
+from edge_runtime.common.toml_file import parse_toml, read_toml, to_record
 from edge_runtime.errors import ConfigError
 
 FILE = Path("team.toml")
@@ -51,6 +52,38 @@ def test_numbers_that_are_not_finite():
 
 def test_a_byte_order_mark_is_passed_over():
     assert parse_toml(b"\xef\xbb\xbfa = 1", FILE) == {"a": 1}
+
+
+@pytest.mark.parametrize("mark", [b"\xff\xfe", b"\xfe\xff"])
+def test_the_byte_order_mark_of_another_encoding_is_named(mark):
+    assert refusal(mark + b"a\0 \0=\0 \x001\0") == "begins with a byte-order mark of UTF-16; save it as UTF-8"
+
+
+class Limits(msgspec.Struct):
+    limit_m_s: float = 1.0
+    weight: float = 1.0
+    count: int | None = None
+    centre_m: tuple[float, float] = (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("content", "expected"), [
+    ({"limit_m_s": "0.2 m/s"}, ("limit_m_s", "float", ", in m/s, such as 0.2")),
+    ({"limit_m_s": "-3e-1"}, ("limit_m_s", "float", ", in m/s, such as -3e-1")),
+    ({"weight": "2"}, ("weight", "float", ", such as 2")),
+    ({"count": "3 pieces"}, ("count", "int | null", ", such as 3")),
+    ({"centre_m": [1.0, "2 m"]}, ("centre_m[1]", "float", ", in m, such as 2")),
+])  # fmt: skip
+def test_a_number_in_quotes_is_told_its_unit(content, expected):
+    with pytest.raises(ConfigError) as caught:
+        to_record(content, Limits, FILE, "a")
+    key, kind, hint = expected
+    told = f"Expected `{kind}`, got `str`; write a number without quotes{hint}"
+    assert str(caught.value) == f"{FILE}: a.{key}: {told}"
+
+
+def test_a_text_that_is_no_number_is_told_only_what_is_wanted():
+    with pytest.raises(ConfigError, match=r"weight: Expected `float`, got `str`$"):
+        to_record({"weight": "much"}, Limits, FILE)
 
 
 def test_files_that_are_no_settings(tmp_path):

@@ -27,11 +27,17 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ("text", "complaint"),
     [
         ("[motion.A.B]\nforwrd = 1.0", "motion.A.B.forwrd: unknown key; allowed: forward, kind"),
-        ('[motion.A.B]\nforward = "1"', "motion.A.B.forward: Expected `float`, got `str`"),
+        (
+            '[motion.A.B]\nforward = "1"',
+            "motion.A.B.forward: Expected `float`, got `str`; write a number without quotes, such as 1",
+        ),
         ("[motion.A]\nB = 3", "motion.A.B: Expected `table`, got `int`"),
         ("motion.A = 3", "motion.A: Expected `table`, got `int`"),
         ("[[sides]]\n[[sides]]\nleft.x = 1", "sides[1].left.x: unknown key; allowed: forward, kind"),
-        ("ages = { a = 1.0, b = '2' }", "ages.b: Expected `float`, got `str`"),
+        (
+            "ages = { a = 1.0, b = '2' }",
+            "ages.b: Expected `float`, got `str`; write a number without quotes, such as 2",
+        ),
         ("[spare]\ne2e.x = 1", "spare.e2e.x: unknown key; allowed: forward, kind"),
     ],
 )

@@ -348,7 +348,7 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
         ),
         (
             "[[objectives]]\ntype = 'safety_margin'\ndistance_m = -1",
-            "objectives[0]: `distance_m` must be positive and `buffer_m` not negative",
+            "objectives[0]: `distance_m` must be positive, got -1",
         ),
         ("[[robots]]\nid = 3", "robots: unknown key; allowed: objectives, guidance"),
         ("a = [", "is not TOML ("),
@@ -366,7 +366,7 @@ def test_objectives_that_do_not_hold_together(write, text, expected):
 def test_files_that_cannot_be_read(tmp_path):
     assert complaint(load_fleet, tmp_path / "none.toml") == "cannot be read (No such file or directory)"
     assert complaint(load_fleet, tmp_path) == "cannot be read (Is a directory)"
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xff")
     assert complaint(load_fleet, tmp_path / "binary.toml").startswith("is not TOML (")
 
 

@@ -169,7 +169,11 @@ def test_objectives_files_know_them(tmp_path):
         ("[0.0, 0]", "[0.0, inf]", "finite"),
         ("[0.0, 0]", "[0.0]", "centre_m"),
         ("radius_m = 0.3\n\n", "radius_m = 0.0\n\n", "`radius_m` must be positive"),
-        ("radius_m = 0.3\n\n", "radius_m = 0.3\nbuffer_m = -0.1\n\n", "`buffer_m` not negative"),
+        (
+            "radius_m = 0.3\n\n",
+            "radius_m = 0.3\nbuffer_m = -0.1\n\n",
+            "`buffer_m` must not be negative, got -0.1",
+        ),
         ("radius_m = 0.3\nlook", "radius_m = -0.3\nlook", "`radius_m` must be positive, got -0.3"),
         ("radius_m = 0.3\nlook", "radius_m = nan\nlook", "finite"),
         ("radius_m = 0.3\nlook", "target = 0.3\nlook", "objectives[1]"),

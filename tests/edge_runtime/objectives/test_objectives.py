@@ -101,3 +101,16 @@ def test_inactive_objectives_have_no_slope():
     )
     assert margin.evaluate(alone.drift, alone) == Slope(0.0)
     assert not np.any(SpeedLimit(limit_m_s=1.0).evaluate(alone.drift, alone))
+
+
+@pytest.mark.parametrize(("objective", "numbers", "blamed"), [
+    (SpeedLimit, {"limit_m_s": -0.2}, "`limit_m_s` must be positive, got -0.2"),
+    (SpeedLimit, {"limit_m_s": 1.0, "buffer_m_s": 2.0}, "`buffer_m_s` must be below `limit_m_s`"),
+    (SpeedLimit, {"limit_m_s": 0.2, "buffer_m_s": -1.0}, "`buffer_m_s` must not be negative, got -1.0"),
+    (SafetyMargin, {"distance_m": 0.0}, "`distance_m` must be positive, got 0.0"),
+    (ObstacleMargin, {"distance_m": 1.0, "buffer_m": -0.5}, "`buffer_m` must not be negative, got -0.5"),
+])  # fmt: skip
+def test_the_number_that_is_wrong_is_blamed(objective, numbers, blamed):
+    with pytest.raises(ValueError) as caught:
+        objective(**numbers)
+    assert str(caught.value).startswith(blamed)

@@ -13,9 +13,11 @@ from bundles import write_straight_bundle
 from msgspec.structs import replace
 from waiting import HANG_S, until
 
-from edge_runtime.control.rate import Percentiles
+from edge_runtime.control.judgement import Judgement
+from edge_runtime.control.monitor import RobotTally
+from edge_runtime.control.rate import DeadlineGrid, Percentiles
 from edge_runtime.control.stopping import Stopping, Travel
-from edge_runtime.run.console import summary, use_colour
+from edge_runtime.run.console import LiveLine, summary, use_colour
 from edge_runtime.run.run_report import RobotReport, RunReport
 
 SPAN = Percentiles(500.0, 900.0, 950.0, 1000.0)
@@ -39,9 +41,10 @@ REPORT = RunReport(
     goal_reached=True,
     team_goals_reached=False,
     min_separation_m=0.24,
-    safety_margin_m=0.25,
     max_speed_m_s=0.29,
+    safety_margin_m=0.25,
     speed_limit_m_s=0.3,
+    judgements=(Judgement(0, 9.9, 0.24, 0.25, 0.29, 0.3, {}),),
     robots=(RobotReport(1, 0.05, True, 0.24, 0.29), RobotReport(2, None, False, None, 0.0)),
     failed=False,
     fleet=None,
@@ -82,8 +85,9 @@ def test_every_fact_has_its_line():
 
 
 def test_what_is_not_there_is_said():
+    judgement = Judgement(0, 9.9, None, 0.25, 0.29, None, {})
     lone = replace(
-        REPORT, min_separation_m=None, speed_limit_m_s=None, objectives=(), faults={}, dry_run=True
+        REPORT, min_separation_m=None, judgements=(judgement,), objectives=(), faults={}, dry_run=True
     )
     assert line(lone, "separation") == "no other robot was seen"
     assert line(lone, "speed") == "0.290 m/s at most"
@@ -92,15 +96,25 @@ def test_what_is_not_there_is_said():
     assert line(lone, "stopped") == "duration, dry run: nothing was commanded"
 
 
-def test_a_run_that_ends_right_after_a_change_is_not_judged():
-    early = replace(REPORT, settled=False, min_separation_m=None, max_speed_m_s=0.0)
-    text = "not judged: the objectives changed less than 2 s before the end"
-    assert (line(early, "separation"), line(early, "speed")) == (text, text)
+def test_each_set_of_objectives_is_judged_for_itself():
+    first = Judgement(0, 4.0, 0.282, 0.25, 0.29, 0.3, {})
+    strict = Judgement(1, 3.0, 0.427, 0.45, 0.09, 0.1, {})
+    last = Judgement(2, 0.0, None, 0.5, 0.0, None, {})
+    report = replace(REPORT, min_separation_m=0.245, judgements=(first, strict, last))
+    unjudged = "set 2: not judged, it held for less than 2 s"
+    assert line(report, "separation") == (
+        "0.245 m at least; set 0: 0.282 m, margin 0.25 m kept; "
+        f"set 1: 0.427 m, margin 0.45 m violated; {unjudged}"
+    )
+    assert line(report, "speed") == (
+        "0.290 m/s at most; set 0: 0.290 m/s, limit 0.3 m/s kept; "
+        f"set 1: 0.090 m/s, limit 0.1 m/s kept; {unjudged}"
+    )
 
 
 def test_no_limit_is_called_kept_while_somebody_was_silent():
-    silent = replace(REPORT.robots[1], silent_s=8.0)
-    unsure = replace(REPORT, min_separation_m=0.323, robots=(REPORT.robots[0], silent))
+    judgement = Judgement(0, 9.9, 0.323, 0.25, 0.29, 0.3, {2: 8.0})
+    unsure = replace(REPORT, min_separation_m=0.323, judgements=(judgement,))
     assert (
         line(unsure, "separation")
         == "0.323 m at least among those heard, margin 0.25 m; robot 2 silent for 8.0 s"
@@ -109,7 +123,34 @@ def test_no_limit_is_called_kept_while_somebody_was_silent():
         line(unsure, "speed")
         == "0.290 m/s at most among those heard, limit 0.3 m/s; robot 2 silent for 8.0 s"
     )
-    assert line(replace(unsure, min_separation_m=0.2), "separation").endswith("violated")
+    close = replace(judgement, min_separation_m=0.2)
+    assert line(replace(unsure, judgements=(close,)), "separation").endswith("violated")
+
+
+class Robots:
+    """A monitor's own side."""
+
+    def __init__(self, stop_reason):
+        self.stop_reason = stop_reason
+        self.robots = {0: RobotTally()}
+
+    def reached(self, robot_id):
+        return False
+
+
+@pytest.mark.parametrize(("reason", "expected"), [
+    ("", "  0.0 s  robot 0: goal inf m, nearest -; 0 of 1 there, 0 missed"),
+    ("robot 2 was not heard for 30 s", "  0.0 s  robot 0 stands: robot 2 was not heard for 30 s"),
+    ("a\x1b[2J" + "b" * 99, "  0.0 s  robot 0 stands: a?[2J" + "b" * 48),
+])  # fmt: skip
+def test_the_live_line_says_why_a_robot_stands_in_one_line(reason, expected):
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "w") as stream, LiveLine(stream, 0, Robots(reason), DeadlineGrid(0.1)):
+        shown = b""
+        while b"\x1b[K" not in shown:
+            shown += os.read(controller, 65536)
+    os.close(controller)
+    assert shown.decode().partition("\x1b[K")[0].strip("\r\n") == expected
 
 
 @pytest.mark.parametrize("name, code", [("separation", "\x1b[31m"), ("speed", "\x1b[32m")])

@@ -80,8 +80,8 @@ def test_a_run_ends_when_all_goals_are_held(simulated, tmp_path):
     assert report["stop_reason"] == "goals held"
     assert report["goal_reached"] and report["team_goals_reached"]
     assert [robot["robot_id"] for robot in report["robots"]] == [0, 5]
-    assert report["max_speed_m_s"] <= report["speed_limit_m_s"] == 0.3
-    assert report["min_separation_m"] >= report["safety_margin_m"] == 0.25
+    assert report["max_speed_m_s"] <= report["judgements"][0]["speed_limit_m_s"] == 0.3
+    assert report["min_separation_m"] >= report["judgements"][0]["safety_margin_m"] == 0.25
     assert report["objectives"] == ["speed_limit", "safety_margin"]
     assert (report["robot_id"], report["bridge"]) == (0, "sim")
     assert report["backend"] in ("numpy", "compiled")
@@ -97,7 +97,7 @@ def test_duration_counts_whole_periods(command, tmp_path):
     assert (done.returncode, report["stop_reason"]) == (0, "duration")
     assert report["ticks"] <= 25 <= report["ticks"] + report["deadline_misses"]
     assert report["objectives"] == []
-    assert report["speed_limit_m_s"] == 0.3
+    assert report["judgements"][0]["speed_limit_m_s"] == 0.3
     assert list(report["stage_us"]) == ["wake", "read", "observe", "act", "limit", "write"]
     for stage in [report["tick_us"], *report["stage_us"].values()]:
         assert 0.0 <= stage["p50"] <= stage["p99"] <= stage["p99_9"] <= stage["max"] * (1 + 1e-6)

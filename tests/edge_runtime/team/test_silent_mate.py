@@ -13,6 +13,7 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction, RobotState
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.bundle import packaged_bundle
@@ -107,7 +108,7 @@ def test_ranges_see_a_silent_robot_as_any_other():
 
 def test_silent_time_is_counted():
     world = World(4, missing_s=1e9)
-    monitor = Monitor(load_fleet(DEFAULT_FLEET), 1, 10)
+    monitor = Monitor(load_fleet(DEFAULT_FLEET), 1, 10, ObjectiveSet())
     world.ticks(5)
     world.network.dead.add(SILENT)
     for views in world.ticks(53):

@@ -66,7 +66,7 @@ def sender(fleet):
 
     def make(address, clock):
         mission = mission_of(fleet)
-        monitor = Monitor(mission.fleet, 1, 10)
+        monitor = Monitor(mission.fleet, 1, 10, mission.objective_set)
         monitor.update(TEAM, GUIDED, COMMAND)
         timing = TimingRecord(("read", "act"))
         opened.append(StatusSender(mission, monitor, DeadlineGrid(0.02), timing, address, KEY, clock=clock))
@@ -137,7 +137,9 @@ def test_without_a_watcher_nobody_is_told(tmp_path, fleet):
     start = lines.index("[watch]")
     path.write_text("\n".join(lines[:start] + lines[start + 2 :]))
     mission = mission_of(path)
-    watch = open_watch(mission, Monitor(mission.fleet, 1, 10), DeadlineGrid(0.02), TimingRecord(()))
+    watch = open_watch(
+        mission, Monitor(mission.fleet, 1, 10, mission.objective_set), DeadlineGrid(0.02), TimingRecord(())
+    )
     assert isinstance(watch, Unwatched)
 
 

@@ -16,7 +16,6 @@ from edge_runtime.network.team_wire import FRAME_BYTES
 from edge_runtime.network.team_wire import decode as decode_frame
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, decode, encode
-from edge_runtime.telemetry.status_sender import limit_text
 from edge_runtime.tools.watch import plain, text
 
 finite = st.floats(-1e12, 1e12)
@@ -128,8 +127,8 @@ def test_limits_are_judged(cell, fields, expected):
 
 
 def test_objectives_say_what_they_ask():
-    assert limit_text(SpeedLimit(limit_m_s=0.3, weight=2.0)) == "0.3 m/s"
-    assert limit_text(SafetyMargin(distance_m=0.25)) == "0.25 m"
+    assert SpeedLimit(limit_m_s=0.3, weight=2.0).asks == "0.3 m/s"
+    assert SafetyMargin(distance_m=0.25).asks == "0.25 m"
 
 
 def test_plain_lines_hold_everything():
