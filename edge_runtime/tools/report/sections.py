@@ -69,23 +69,30 @@ def _least(values: Iterable[Floats]) -> float:
 def _against(
     name: str, rows: list[tuple[Floats, Floats]], asked: list[Stretch], form: str, sign: int
 ) -> Verdict:
-    """Judge values by the limits of their time, and show the worst; ``sign`` is -1 for upper limits."""
+    """The extreme of the whole run, and each limit over its own time; ``sign`` is -1 for upper limits."""
     unit = form.rpartition(" ")[2]
     whole = sign * _least(sign * values for _, values in rows)
     if math.isnan(whole):
         return Verdict(name, "-", "nobody was seen")
+    shown = f"{whole:.3f} {unit}"
     if not asked:
-        return Verdict(name, f"{whole:.3f} {unit}", "no limit was asked for")
-    judged = []
-    for limit, begin_s, end_s in asked:
-        then = [values[(time_s >= begin_s) & (time_s < end_s)] for time_s, values in rows]
-        value = sign * _least(sign * values for values in then)
-        if not math.isnan(value):
-            judged.append((sign * (value - limit), value, limit))
-    if not judged:
-        return Verdict(name, f"{whole:.3f} {unit}", "no limit held long enough to be judged")
-    slack, value, limit = min(judged)
-    return Verdict(name, f"{value:.3f} {unit}", form.format(limit), slack >= 0.0)
+        return Verdict(name, shown, "no limit was asked for")
+    worst: dict[float, float] = {}
+    for limit, _, judged_s, end_s in asked:
+        then = [values[(time_s >= judged_s) & (time_s < end_s)] for time_s, values in rows]
+        least = _least(sign * values for values in then)
+        if not math.isnan(least):
+            worst[limit] = min(least, worst.get(limit, math.inf))
+    if not worst:
+        return Verdict(name, shown, "no limit held long enough to be judged")
+    kept = {limit: least >= sign * limit for limit, least in worst.items()}
+    if len(worst) == 1 and sign * whole in worst.values():
+        return Verdict(name, shown, form.format(*worst), all(kept.values()))
+    told = (
+        f"{sign * least:.3f} under {form.format(limit)}{'' if kept[limit] else ', violated'}"
+        for limit, least in worst.items()
+    )
+    return Verdict(name, shown, "; ".join(told), all(kept.values()))
 
 
 def _map(team: TeamDigest) -> Figure:

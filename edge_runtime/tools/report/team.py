@@ -93,30 +93,37 @@ def separation(one: RobotTrack, team: TeamDigest) -> Floats:
     return np.where(np.isfinite(nearest), nearest, np.nan)
 
 
-def limits(team: TeamDigest, kind: str, field: str, unit: str) -> list[Limit]:
-    """What objectives of a kind asked for in any of the runs' sets, guided or not."""
-    values = {limit for run in team.runs for _, chosen in run.sets for limit in _asked(chosen, kind, field)}
-    return [Limit(value, f"{kind.replace('_', ' ')} {value:g} {unit}") for value in sorted(values)]
-
-
 class Stretch(NamedTuple):
     """When a limit was to be kept, since the report's zero."""
 
     limit: float
     begin_s: float
+    """When it was taken up."""
+    judged_s: float
+    """From when on it counts."""
     end_s: float
 
 
+def limits(team: TeamDigest, kind: str, field: str, unit: str) -> list[Limit]:
+    """What objectives of a kind asked for in any of the runs' sets, guided or not, while they did."""
+    lines, named = [], set[float]()
+    for limit, begin_s, _, end_s in stretches(team, kind, field):
+        name = "" if limit in named else f"{kind.replace('_', ' ')} {limit:g} {unit}"
+        lines.append(Limit(limit, name, begin_s, end_s))
+        named.add(limit)
+    return lines
+
+
 def stretches(team: TeamDigest, kind: str, field: str) -> list[Stretch]:
-    """When each limit of a kind held: sets that were taken up while driving from `SETTLE_S` later on."""
+    """When each limit of a kind held; those taken up while driving count from `SETTLE_S` later on."""
     found = set()
     for run in team.runs:
-        begin_s = -math.inf
+        begin_s = judged_s = -math.inf
         for place, (_, chosen) in enumerate(run.sets, 1):
             end_s = run.sets[place][0] - team.zero_s if place < len(run.sets) else math.inf
-            found |= {Stretch(limit, begin_s, end_s) for limit in _asked(chosen, kind, field)}
-            begin_s = end_s + SETTLE_S
-    return sorted(found)
+            found |= {Stretch(limit, begin_s, judged_s, end_s) for limit in _asked(chosen, kind, field)}
+            begin_s, judged_s = end_s, end_s + SETTLE_S
+    return sorted(found, key=lambda one: (one.begin_s, one.limit))
 
 
 def fences(team: TeamDigest) -> list[Circle]:

@@ -3,6 +3,7 @@
 Each function takes plain numbers and returns SVG. Times are in seconds; whoever calls names other units.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -30,10 +31,13 @@ MOST_POINTS: Final = 500
 
 
 class Limit(msgspec.Struct, frozen=True):
-    """A line that values should not cross."""
+    """A line that values should not cross while it holds."""
 
     value: float
     name: str
+    """Written at its beginning; empty for one that goes on from another stretch."""
+    begin_s: float = -math.inf
+    end_s: float = math.inf
 
 
 class Span(msgspec.Struct, frozen=True):
@@ -63,14 +67,16 @@ def over_time(
             drawstyle="steps-post" if steps else "default",
             **line_style(index, name),
         )
+    last_s = max((float(time_s[-1]) for time_s, _ in series.values() if len(time_s)), default=1.0)
     for limit in limits:
-        axes.axhline(limit.value, color=LIMIT, linestyle=(0, (6, 3)), linewidth=1.2)
+        begin_s, end_s = max(limit.begin_s, 0.0), min(limit.end_s, last_s)
+        axes.hlines(limit.value, begin_s, end_s, color=LIMIT, linestyle=(0, (6, 3)), linewidth=1.2)
         axes.annotate(
-            limit.name, (0.0, limit.value), xycoords=("axes fraction", "data"), xytext=(4, 3),
+            limit.name, (begin_s, limit.value), xytext=(4, 3),
             textcoords="offset points", ha="left", va="bottom", color=LIMIT, fontsize=9,
         )  # fmt: skip
     axes.margins(y=0.1)
-    axes.set_xlim(0.0, max((float(time_s[-1]) for time_s, _ in series.values() if len(time_s)), default=1.0))
+    axes.set_xlim(0.0, last_s)
     if from_zero:
         low, high = axes.get_ylim()
         axes.set_ylim(0.0 if low >= 0.0 or _never_negative(series) else low, max(high, 1e-9))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import re
 
 import foreign_logs
@@ -133,7 +134,13 @@ def test_each_stretch_is_judged_by_its_own_limits_once_the_team_has_braked(run):
         )
         (verdict,) = [v for v in _verdicts(team_of([changed])) if v.name == "Greatest speed"]
         assert verdict.good is kept
-        assert verdict.detail == ("speed limit 0.3 m/s" if kept else "speed limit 0.1 m/s")
+        last = "0.050 under speed limit 0.1 m/s" if kept else "0.200 under speed limit 0.1 m/s, violated"
+        assert (verdict.value, verdict.detail) == ("0.290 m/s", f"0.290 under speed limit 0.3 m/s; {last}")
+        lines = limits(team_of([changed]), "speed_limit", "limit_m_s", "m/s")
+        assert [(line.value, line.begin_s, line.end_s) for line in lines] == [
+            (0.3, -math.inf, 5.0),
+            (0.1, 5.0, math.inf),
+        ]
 
 
 def test_a_robot_that_never_had_a_pose(log, tmp_path, capsys):
