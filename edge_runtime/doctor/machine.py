@@ -18,7 +18,7 @@ from packaging.specifiers import SpecifierSet
 
 from edge_runtime.common.child import python_command
 from edge_runtime.common.realtime import PRIORITY
-from edge_runtime.doctor.finding import Finding, examine, fail, ok, warn
+from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
 
 DISTRIBUTION: Final = "cfpg-edge"
 TRIAL: Final = "edge_runtime.common.realtime"
@@ -35,12 +35,24 @@ _CAP_IPC_LOCK: Final = 14
 _CAP_SYS_NICE: Final = 23
 
 
-def examine_machine(*, wants_realtime: bool, folder: Path) -> Iterator[Finding]:
-    """Check what holds for every robot; ``folder`` takes the report."""
+def examine_machine(
+    *, wants_realtime: bool, reports: Path | None = None, logs: Path | None = None, logs_bytes: int = 0
+) -> Iterator[Finding]:
+    """Check what holds for every robot.
+
+    Args:
+        wants_realtime: whether --realtime is asked for.
+        reports: the folder that takes the report; none is written where None.
+        logs: the folder that takes the logs; nothing is recorded where None.
+        logs_bytes: what the logs in it may take.
+    """
     yield examine("versions", versions)
     yield examine("real time", partial(realtime, wants_realtime))
     yield examine("clock", clock)
-    yield examine("disk", partial(disk, folder))
+    if logs:
+        yield examine("logs", partial(log_folder, logs, logs_bytes))
+    if reports:
+        yield examine("disk", partial(disk, reports))
 
 
 def versions() -> Finding:
@@ -130,10 +142,24 @@ def _synchronised() -> bool | None:
     return None if state < 0 else state != _TIME_ERROR
 
 
+def log_folder(folder: Path, most_bytes: int) -> Finding:
+    """Whether the logs find the room that they may take; the folder itself is made by the first run."""
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    found = disk(existing)
+    taken = sum(path.stat().st_size for path in folder.glob("*.mcap")) if folder.is_dir() else 0
+    wanted, free = most_bytes - taken, shutil.disk_usage(existing).free
+    if found.verdict is not Verdict.OK or free >= wanted:
+        return found
+    return warn(
+        f"{found.detail}; the logs may take {wanted / 2**30:.2f} GiB more",
+        "free some space, or set --log-keep-mb lower",
+    )
+
+
 def disk(folder: Path) -> Finding:
     """Whether reports can be written."""
     if not os.access(folder, os.W_OK):
-        return fail(f"{folder} cannot be written", "choose another directory, or another --json")
+        return fail(f"{folder} cannot be written", "choose another folder")
     free = shutil.disk_usage(folder).free
     detail = f"{free / 2**30:.2f} GiB free in {folder}"
     if free < LEAST_FREE_BYTES:

@@ -87,6 +87,8 @@ class Standing(msgspec.Struct, frozen=True):
     """Why the newest command is zero; empty if the robot drives."""
     stopped: bool
     """The run ends, by an operator's order."""
+    follows: str = ""
+    """What the objectives that it follows ask for, in words."""
 
 
 _order_decoder = msgspec.msgpack.Decoder(Ask | Propose | Commit | Abort | Stop)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
+from edge_runtime.common.signals import is_interrupt
 from edge_runtime.errors import GradientError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.dynamics import Dynamics
@@ -47,7 +48,28 @@ def check_gradient(
         seed: of the random team states.
 
     Raises:
-        GradientError: if a slope is wrong, or no motion had one.
+        GradientError: if a slope is wrong, no motion had one, or the objective raises.
+    """
+    report = sample_gradient(objective, dynamics, teammates, motions, extent_m, seed)
+    if report.active == 0:
+        raise GradientError(
+            f"{objective.name} was never active in {motions} random motions: choose another extent_m"
+        )
+    return report
+
+
+def sample_gradient(
+    objective: Objective,
+    dynamics: Dynamics,
+    teammates: int = 3,
+    motions: int = 500,
+    extent_m: float = 0.4,
+    seed: int = 0,
+) -> GradientReport:
+    """As `check_gradient`, but an objective that was never active passes.
+
+    Raises:
+        GradientError: if a slope is wrong, or the objective raises.
     """
     worst, active = 0.0, 0
     preview = dynamics.preview(objective.look_ahead)
@@ -55,13 +77,8 @@ def check_gradient(
     for team in _random_teams(teammates, motions, extent_m, seed):
         points = draw.uniform(-extent_m, extent_m, (OBSTACLES, 2)).tolist()
         outlook = look_ahead(team, preview, tuple((x, y) for x, y in points))
-        slope = objective.evaluate(outlook.drift, outlook)
-        worst = max(worst, _slope_error(objective, outlook.drift, outlook, slope))
-        active += any(slope[1:])
-    if active == 0:
-        raise GradientError(
-            f"{objective.name} was never active in {motions} random motions: choose another extent_m"
-        )
+        error, sloped = compare_slope(objective, outlook.drift, outlook)
+        worst, active = max(worst, error), active + sloped
     return GradientReport(motions, active, worst)
 
 
@@ -76,6 +93,24 @@ def _random_teams(teammates: int, count: int, extent_m: float, seed: int) -> Ite
         )
         actions = draw.uniform(-1.0, 1.0, (teammates, 2)).tolist()
         yield TeamState(own, tuple(Teammate(mate, tuple(u)) for mate, u in zip(mates, actions, strict=True)))
+
+
+def compare_slope(objective: Objective, motion: PredictedMotion, outlook: Outlook) -> tuple[float, bool]:
+    """Compare slope and cost at one motion; returns the largest error, and whether there is a slope.
+
+    Raises:
+        GradientError: names the objective and the component that is wrong, or what it raised.
+    """
+    try:
+        slope = objective.evaluate(motion, outlook)
+        return _slope_error(objective, motion, outlook, slope), any(slope[1:])
+    except GradientError:
+        raise
+    except BaseException as error:  # one of the user's own may raise anything
+        if is_interrupt(error):
+            raise
+        text = f"objective {objective.name} raised {type(error).__name__}: {error}"
+        raise GradientError(" ".join(text.split())) from error
 
 
 def _slope_error(objective: Objective, motion: PredictedMotion, outlook: Outlook, slope: Slope) -> float:

@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from types import ModuleType
 
-from edge_runtime.common.command_line import begun, check_output, command, write_report
+from edge_runtime.common.command_line import begun, check_output, command, complain, write_report
 from edge_runtime.common.realtime import enter_realtime, switch_threads_often
 from edge_runtime.common.signals import StopSignals
+from edge_runtime.control.doubts import doubts
 from edge_runtime.errors import FailedError
 from edge_runtime.recording.recorder import open_record
 from edge_runtime.run.bridges import BRIDGES
@@ -56,6 +57,8 @@ def _open(
         check_output("--json", flags.json, (flags.objectives, flags.fleet))
     if flags.animate:
         _animation().check_animation(flags.animate, recorded=flags.log)
+    for doubt in doubts(mission):
+        complain("edge-run", doubt)
     bridge = link.open_bridge(mission, link.options_from(flags))
     # What cannot compute is refused before a link opens.
     controller = mission.controller(mission.robot_id, bridge.max_speed_m_s)
@@ -77,6 +80,7 @@ def _open(
         dry_run=flags.dry_run,
         early_wake_s=1e-3 * flags.early_wake,
         stay=flags.stay,
+        check_gradients=flags.check_gradients,
         recorder=recorder,
     )
     return drive_robot, flags

@@ -43,11 +43,11 @@ LARGEST_SEED: Final = 2**63 - 1
 """What a log's integers hold."""
 
 
-def make_parser() -> CommandParser:
+def make_parser(*, robot_required: bool = True) -> CommandParser:
     """The command line, without the flags of any bridge."""
     parser = CommandParser("edge-run", DESCRIPTION, EPILOG)
     add = parser.add_argument
-    add("--robot-id", type=int, required=True, metavar="I", help="which robot of the fleet this is")
+    add("--robot-id", type=int, required=robot_required, metavar="I", help="which robot of the fleet this is")
     add(
         "--fleet",
         type=Path,
@@ -103,6 +103,12 @@ def make_parser() -> CommandParser:
         "--realtime",
         action="store_true",
         help="run ahead of all ordinary processes (SCHED_FIFO) with locked memory; needs the rights",
+    )
+    add(
+        "--check-gradients",
+        action="store_true",
+        help="compare the slope of an own objective with finite differences of its cost in every tick; a "
+        "wrong one ends the run",
     )
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(

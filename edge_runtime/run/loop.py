@@ -17,6 +17,7 @@ from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.control.stopping import stopping
 from edge_runtime.errors import BridgeError, EdgeError
+from edge_runtime.guidance.slope_check import SlopeCheck
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.run.console import LiveLine
 from edge_runtime.run.run_report import RunReport, make_report
@@ -42,6 +43,8 @@ class Session:
     monitor: Monitor
     watch: Watch
     recorder: Recorder | None
+    slopes: SlopeCheck | None
+    """Samples the slopes of own objectives; nobody does where None."""
     dry_run: bool
 
 
@@ -75,6 +78,8 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         fleet.share(own, command)
         monitor.update(team, guided, command)
         session.watch.tell(team, guided, command)
+        if session.slopes:
+            session.slopes.check(controller.guide, team, guided.action)
         if session.recorder:
             session.recorder.record(deadline_s, team, observation, guided, command)
             for text in bridge.complaints[told:]:
@@ -94,6 +99,7 @@ def run(
     dry_run: bool,
     early_wake_s: float = 0.0,
     stay: bool = False,
+    check_gradients: bool = False,
     recorder: Recorder | None = None,
 ) -> RunReport:
     """Drive the robot until goals are held, time is up, a signal or an operator ends it, or something fails.
@@ -108,12 +114,14 @@ def run(
         dry_run: command nothing.
         early_wake_s: how long before each deadline a tick is computed to throw away; 0 for none.
         stay: goals that are held do not end the run.
+        check_gradients: compare slopes of own objectives with finite differences; a wrong one ends the run.
         recorder: keeps the run's log; nobody does where None.
 
     Returns:
         What the run came to; ``failed`` where the link, the policy or the team ended it.
     """
     session = _prepare(mission, controller, bridge, early_wake_s, recorder, dry_run=dry_run)
+    session = replace(session, slopes=SlopeCheck() if check_gradients else None)
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -167,4 +175,4 @@ def _prepare(
     if recorder:
         recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
     watch = open_watch(mission, monitor, grid, timing)
-    return Session(controller, grid, timing, monitor, watch, recorder, dry_run)
+    return Session(controller, grid, timing, monitor, watch, recorder, None, dry_run)

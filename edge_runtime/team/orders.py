@@ -28,6 +28,7 @@ STACK_BYTES: Final = 2**20
 """Of that thread: with locked memory, mapping the usual 8 MiB would take the loop 5 ms."""
 LONGEST_TEXT: Final = 1000
 """Of an answer, which must fit a packet whatever a user's objective says when it fails."""
+LONGEST_LIST: Final = 300
 STOPPED: Final = "stopped by edge-ctl"
 
 Prepare = Callable[[str, bytes], Guide]
@@ -177,6 +178,7 @@ class Orders:
             (complaint or why)[:LONGEST_TEXT],
             stop_reason or self.stop_reason,
             bool(self.stop_reason),
+            self.guide.asked.text[:LONGEST_LIST],
         )
 
     def _consider(self, order: Propose, now_s: float) -> str:

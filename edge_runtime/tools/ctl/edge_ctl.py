@@ -53,20 +53,21 @@ def make_parser() -> CommandParser:
 def show_status(link: OperatorLink) -> int:
     """Print a line for each robot; succeed if all answered and follow the same."""
     silent = link.ask()
-    print("robot  version  objectives        tick      Hz  driving")
+    width = max((len(standing.follows) for standing in link.standings.values()), default=0)
+    print(f"robot  version  {'objectives':<{width}}  tick          Hz  driving")
     for robot_id in sorted((*link.standings, *silent)):
         standing = link.standings.get(robot_id)
-        print(f"{robot_id:5}  {_line(standing) if standing else 'no answer'}")
+        print(f"{robot_id:5}  {_line(standing, width) if standing else 'no answer'}")
     followed = {(standing.version, standing.digest) for standing in link.standings.values()}
     if len(followed) > 1:
         complain("edge-ctl", "the robots follow different objectives")
     return 1 if silent or len(followed) > 1 else 0
 
 
-def _line(standing: Standing) -> str:
+def _line(standing: Standing, width: int) -> str:
     driving = f"no: {standing.stop_reason}" if standing.stop_reason else "yes"
     rate = f"{standing.rate_hz:6.1f}" if standing.rate_hz else "     -"
-    return f"{standing.version:7}  {standing.digest:016x}  {standing.tick:<8}{rate}  {driving}"
+    return f"{standing.version:7}  {standing.follows:<{width}}  {standing.tick:<8}{rate}  {driving}"
 
 
 def change_objectives(link: OperatorLink, file: Path, content: bytes) -> int:

@@ -4,10 +4,12 @@ import os
 import pty
 import subprocess
 import sys
+from contextlib import ExitStack
 
 import pytest
 from bundles import write_straight_bundle
 from can_peers import Chassis, multicast_address
+from fleet_processes import Process, robot
 
 from edge_runtime.doctor import edge_doctor as doctor
 from edge_runtime.doctor.finding import fail, ok, warn
@@ -37,7 +39,10 @@ def test_a_simulated_robot_has_nothing_that_fails(capsys):
     pytest.importorskip("onnxruntime")
     assert doctor.main(["--robot-id", "0"]) == 0
     found = verdicts(capsys.readouterr().out)
-    assert list(found) == ["versions", "real time", "clock", "disk", "bundle", "parity", "backend", "team"]
+    assert list(found) == [
+        *("versions", "real time", "clock", "logs"),
+        *("bundle", "parity", "backend", "numbers", "team"),
+    ]
     assert "fail" not in found.values()
 
 
@@ -76,6 +81,79 @@ def test_a_damaged_bundle_is_a_finding_beside_others(alone, bundle, capsys):
 def test_a_directory_that_takes_no_report_fails(alone, capsys, tmp_path):
     assert doctor.main([*alone, "--json", str(tmp_path / "none" / "run.json")]) == 1
     assert verdicts(capsys.readouterr().out)["disk"] == "fail"
+
+
+OWN = """
+from edge_runtime.objectives import Objective, Slope
+class Right(Objective, frozen=True, kw_only=True, tag="right"):
+    def evaluate(self, motion, outlook):
+        return Slope(0.5 * motion.vx**2, d_vx=motion.vx)
+class Wrong(Objective, frozen=True, kw_only=True, tag="wrong"):
+    def evaluate(self, motion, outlook):
+        return Slope(0.5 * motion.vx**2, d_vx=-motion.vx)
+class Raises(Objective, frozen=True, kw_only=True, tag="raises"):
+    def evaluate(self, motion, outlook):
+        raise SystemExit("no\\nmap")
+class Never(Objective, frozen=True, kw_only=True, tag="never"):
+    def evaluate(self, motion, outlook):
+        return Slope(0.0)
+"""
+
+
+@pytest.mark.parametrize(("kind", "verdict", "said"), [
+    ("Right", "ok", "right: slope and cost agree at"),
+    ("Wrong", "fail", "wrong: d cost / d vx is stated as"),
+    ("Raises", "fail", "objective raises raised SystemExit: no map"),
+    ("Never", "warn", "never was never active"),
+])  # fmt: skip
+def test_slopes_of_own_objectives_are_compared(tmp_path, alone, capsys, kind, verdict, said):
+    (tmp_path / "doctored.py").write_text(OWN)
+    asked = tmp_path / "own.toml"
+    asked.write_text(f'[[objectives]]\ntype = "doctored:{kind}"\n')
+    doctor.main([*alone, "--objectives", str(asked)])
+    output = capsys.readouterr()
+    assert verdicts(output.out)["gradient"] == verdict
+    assert said in output.out
+    assert output.err == ""
+
+
+def test_numbers_far_from_the_policys_are_a_warning(alone, capsys):
+    doctor.main([*alone, "--rate", "500"])
+    output = capsys.readouterr().out
+    assert verdicts(output)["numbers"] == "warn"
+    assert "the rate of 500 Hz is far from the 10 Hz" in output
+
+
+def test_a_whole_fleet_is_looked_at_from_one_machine(tmp_path, capsys):
+    """Two robots run, the third does not, and nobody listens to the second."""
+    (tmp_path / "team.key").write_bytes(bytes(range(32)))
+    (tmp_path / "team.key").chmod(0o600)
+    path = tmp_path / "team.toml"
+    only = "neighbours = [0]"
+    path.write_text(
+        '[carrier]\nkey = "team.key"\n' + robot(0, "neighbours = [2]") + robot(1, only) + robot(2, only)
+    )
+    with ExitStack() as stack:
+        for robot_id in range(2):
+            Process(path, robot_id, 0.0, stack).tick()
+        assert doctor.main(["--whole-fleet", "--fleet", str(path)]) == 0
+    output = capsys.readouterr().out
+    assert verdicts(output) == {
+        **dict.fromkeys(("robot 0", "robot 1", "robot 2"), "ok"),
+        "hearing": "warn",
+        "answer of 0": "ok",
+        "answer of 1": "ok",
+        "answer of 2": "warn",
+        "agreement": "ok",
+    }
+    assert "nobody listens to robot 1" in output
+    assert "follows set 0: none" in output
+
+
+def test_one_robot_or_the_whole_fleet(capsys):
+    for flags in ([], ["--whole-fleet", "--robot-id", "0"]):
+        assert doctor.main(flags) == 2
+        assert "one of --robot-id and --whole-fleet is needed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 
 from edge_runtime.doctor import machine as doctor_machine
 from edge_runtime.doctor.finding import Verdict
-from edge_runtime.doctor.machine import clock, disk, examine_machine, realtime, versions
+from edge_runtime.doctor.machine import clock, disk, examine_machine, log_folder, realtime, versions
 
 ASKED_AND_TRIED = """
 import os, resource
@@ -152,8 +152,22 @@ def test_a_missing_directory_cannot_be_written(tmp_path):
 
 
 def test_every_check_is_made_and_named(tmp_path):
-    names = [finding.name for finding in examine_machine(wants_realtime=False, folder=tmp_path)]
-    assert names == ["versions", "real time", "clock", "disk"]
+    found = examine_machine(wants_realtime=False, reports=tmp_path, logs=tmp_path / "logs")
+    assert [finding.name for finding in found] == ["versions", "real time", "clock", "logs", "disk"]
+
+
+def test_the_folder_of_the_logs_needs_what_they_may_take(monkeypatch, tmp_path):
+    """It need not be there yet; what lies in it counts for the logs."""
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: namedtuple("Usage", "free")(3 * 2**30))
+    logs = tmp_path / "state" / "logs"
+    assert log_folder(logs, 3 * 2**30).verdict is Verdict.OK
+    found = log_folder(logs, 4 * 2**30)
+    assert found.verdict is Verdict.WARN
+    assert str(tmp_path) in found.detail and "may take 4.00 GiB more" in found.detail
+    logs.mkdir(parents=True)
+    with (logs / "old.mcap").open("wb") as file:
+        file.truncate(2**30)
+    assert log_folder(logs, 4 * 2**30).verdict is Verdict.OK
 
 
 def makes_user_namespaces():

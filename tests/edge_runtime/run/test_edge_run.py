@@ -384,7 +384,7 @@ def test_a_link_that_does_not_open_starts_nothing(drive, capsys):
 
 RAISING = """
 import numpy as np
-from edge_runtime.objectives import Objective
+from edge_runtime.objectives import Objective, Slope
 class Raising(Objective, frozen=True, kw_only=True):
     def evaluate(self, motion, outlook):
         return 1 / 0
@@ -398,6 +398,9 @@ class LeavesKeyboardInterrupt(Objective, frozen=True, kw_only=True):
 class LeavesSystemExit(Objective, frozen=True, kw_only=True):
     def evaluate(self, motion, outlook):
         raise SystemExit
+class Uphill(Objective, frozen=True, kw_only=True):
+    def evaluate(self, motion, outlook):
+        return Slope(0.5 * (motion.x - 1.0) ** 2, d_x=1.0 - motion.x)
 class LeavesGeneratorExit(Objective, frozen=True, kw_only=True):
     def evaluate(self, motion, outlook):
         raise GeneratorExit
@@ -430,6 +433,27 @@ def test_an_objective_that_raises_stops_the_robot_in_that_tick(drive, tmp_path, 
     fault = "objective Raising raised ZeroDivisionError: division by zero"
     assert report_of(path)["faults"] == {fault: 2}
     assert capsys.readouterr().err == f"edge-run: {fault}\n"
+
+
+def test_a_wrong_slope_ends_the_run_where_slopes_are_checked(drive, tmp_path, capsys):
+    """Without the check it drives on, away from what it is to reach."""
+    asked = ["--objectives", objectives_file(tmp_path, "Uphill")]
+    code, bridge, _ = drive([state(), state()], *asked)
+    assert (code, len(bridge.written)) == (0, 2)
+    capsys.readouterr()
+    code, bridge, path = drive([state(), state()], *asked, "--check-gradients")
+    assert (code, len(bridge.written), bridge.stops) == (1, 1, ["closed"])
+    complaint = capsys.readouterr().err
+    assert complaint.startswith("edge-run: Uphill: d cost / d x is stated as ")
+    assert complaint == f"edge-run: {report_of(path)['stop_reason']}\n"
+
+
+def test_what_is_hardly_meant_is_said_and_driven(drive, tmp_path, capsys):
+    asked = tmp_path / "fast.toml"
+    asked.write_text('[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 200')
+    code, bridge, _ = drive([state(), state()], "--objectives", asked)
+    assert (code, len(bridge.written)) == (0, 2)
+    assert "edge-run: the speed limit of 200 m/s asks for nothing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("leaving", ["KeyboardInterrupt", "SystemExit", "GeneratorExit"])

@@ -1,0 +1,32 @@
+"""Compares the slopes of a user's own objectives with finite differences, while the robot drives."""
+
+from edge_runtime.guidance.guide import Guide
+from edge_runtime.messages import TeamState, Vector
+from edge_runtime.motion.outlook import PredictedMotion, look_ahead
+from edge_runtime.objectives import BUILT_IN
+from edge_runtime.objectives.gradient_check import compare_slope
+
+
+class SlopeCheck:
+    """Takes one own objective a tick, in turn."""
+
+    def __init__(self) -> None:
+        self._turn = 0
+
+    def check(self, guide: Guide, team: TeamState, action: Vector) -> None:
+        """Compare at the motion that the tick's action leads to.
+
+        Raises:
+            GradientError: names the objective whose slope is wrong, or what it raised.
+        """
+        own = [place for place, each in enumerate(guide.objectives) if type(each) not in BUILT_IN]
+        if not own:
+            return
+        self._turn += 1
+        place = own[self._turn % len(own)]
+        preview = guide.previews[place]
+        outlook = look_ahead(team, preview, guide.sensor.obstacles(team) if guide.sensor else ())
+        (x, y, vx, vy), (ax, ay) = outlook.drift, action
+        shift, push = preview.position_gain, preview.velocity_gain
+        motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
+        compare_slope(guide.objectives[place], motion, outlook)
