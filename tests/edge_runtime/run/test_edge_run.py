@@ -451,7 +451,7 @@ def test_a_wrong_slope_ends_the_run_where_slopes_are_checked(drive, tmp_path, ca
 def test_what_is_hardly_meant_is_said_and_driven(drive, tmp_path, capsys):
     asked = tmp_path / "fast.toml"
     asked.write_text('[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 200')
-    code, bridge, _ = drive([state(), state()], "--objectives", asked)
+    code, bridge, _ = drive([state(), state()], "--objectives", str(asked))
     assert (code, len(bridge.written)) == (0, 2)
     assert "edge-run: the speed limit of 200 m/s asks for nothing" in capsys.readouterr().err
 
