@@ -7,7 +7,8 @@ OLDEST ?= $(shell for p in python3.10 "$$HOME"/.pyenv/versions/3.10*/bin/python;
 OLDEST_VENV := .venv-3.10
 ARM := build/aarch64
 PEERS := tests/support/peers/node_modules
-WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink
+WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink \
+	tests/firmware_bridge/ros
 ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
 	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
 	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) \
@@ -41,7 +42,7 @@ unit: $(DEV)/ready
 integration: $(DEV)/ready socketcan chromium peers  ## Against a kernel, a browser, other people's code; teams
 	$(DEV)/bin/python -m pytest -m integration
 
-coverage: $(DEV)/ready  ## Every line and branch of the guard and both codecs is run by their own tests
+coverage: $(DEV)/ready  ## Every line and branch of the guard, both codecs and the ROS link is run by their own tests
 	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)
 	$(DEV)/bin/python -m coverage report
 

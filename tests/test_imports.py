@@ -25,7 +25,7 @@ edge_runtime.tools.report
 edge_runtime.run
 edge_runtime.doctor edge_runtime.completion
 firmware_bridge.guard firmware_bridge.kinematics firmware_bridge.simulation
-firmware_bridge.can firmware_bridge.mavlink
+firmware_bridge.can firmware_bridge.mavlink firmware_bridge.ros
 firmware_bridge.sil.measurement firmware_bridge.sil.scenario
 firmware_bridge.sil.firmware firmware_bridge.sil.network
 firmware_bridge.sil.harness

@@ -16,6 +16,11 @@ class BridgeModules(NamedTuple):
     """Whether the bridge also is the robot's team, see `edge_runtime.team.membership.FleetLink`."""
 
 
+_ROS: Final = BridgeModules(
+    "firmware_bridge.ros.bridge",
+    checks="firmware_bridge.ros.diagnostics",
+    guard_link="firmware_bridge.ros.link",
+)
 BRIDGES: Final = {
     "sim": BridgeModules("firmware_bridge.simulation.bridge", simulated=True),
     "can": BridgeModules(
@@ -28,4 +33,6 @@ BRIDGES: Final = {
         checks="firmware_bridge.mavlink.diagnostics",
         guard_link="firmware_bridge.mavlink.link",
     ),
+    "ros1": _ROS,
+    "ros2": _ROS,
 }

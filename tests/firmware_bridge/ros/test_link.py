@@ -1,0 +1,329 @@
+"""The link between inbox and client, on a client in memory and a clock that the test turns."""
+
+import math
+
+import msgspec
+import pytest
+
+import firmware_bridge.ros.link as link_module
+from edge_runtime.errors import BridgeError, ConfigError
+from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
+from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.kinematics.base import BaseMotion
+from firmware_bridge.ros.client import Graph, Pressed, Sight, Taken, Topic, Trouble
+from firmware_bridge.ros.inbox import MOST, Inbox
+from firmware_bridge.ros.link import OPENING_S, RosLink, RosOptions, make_link
+from firmware_bridge.ros.odometry import Odometer, Odometry, Origin
+from firmware_bridge.ros.profile import load_profile, profile_path
+from firmware_bridge.ros.ros1 import Ros1Client
+from firmware_bridge.ros.ros2 import Ros2Client
+
+PROFILE = load_profile(profile_path("clearpath_jazzy")).under("/a200_0000")
+COMMAND, ODOMETRY, STOP = PROFILE.command, PROFILE.odometry, PROFILE.emergency_stop
+TWIST = "geometry_msgs/TwistStamped"
+WHOLE = {
+    COMMAND: Topic((TWIST,), (), ("/twist_mux",)),
+    ODOMETRY: Topic(("nav_msgs/Odometry",), ("/controller",)),
+    STOP: Topic(("std_msgs/Bool",), ("/mcu",)),
+}
+
+
+class FakeClient:
+    """A node whose neighbours are what the test says."""
+
+    name = "/a200_0000/cfpg_edge_0"
+    where = "domain 7"
+
+    def __init__(self, inbox) -> None:
+        self.inbox, self.graphs, self.arriving = inbox, [Graph(WHOLE)], []
+        self.published: list[tuple[BaseMotion, float]] = []
+        self.log: list[str] = []
+        self.timeout: float | None = 0.5
+
+    def connect(self):
+        self.log.append("connect")
+
+    def graph(self):
+        return self.graphs.pop(0) if len(self.graphs) > 1 else self.graphs[0]
+
+    def parameter(self, name):
+        self.log.append(name)
+        return self.timeout
+
+    def unheard(self):
+        return ()
+
+    def advertise(self):
+        self.log.append("advertise")
+
+    def listen(self):
+        self.log.append("listen")
+        for item in self.arriving:
+            self.inbox.put(item)
+
+    def compose(self, motion, stamp_s):
+        return motion, stamp_s
+
+    def publish(self, message):
+        self.published.append(message)
+
+    def close(self):
+        self.log.append("close")
+
+
+class Rig:
+    def __init__(self, monkeypatch, profile=PROFILE) -> None:
+        self.now, self.x = 50.0, 0.0
+        self.inbox = Inbox()
+        self.client = FakeClient(self.inbox)
+        odometer = Odometer(0, profile, "/a200_0000", Origin())
+        self.link = RosLink(profile, self.client, self.inbox, odometer)
+        monkeypatch.setattr(link_module.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(link_module.time, "sleep", self.pass_)
+        monkeypatch.setattr(link_module.select, "select", lambda _r, _w, _x, wait_s: self.pass_(wait_s))
+
+    def pass_(self, seconds):
+        self.now += min(seconds, 0.1)
+
+    def odometry(self, **changes):
+        fields = {"x_m": self.x, "y_m": 0.0, "heading_rad": 0.0, "forward_m_s": 0.0, "lateral_m_s": 0.0}
+        odometry = Odometry(**fields, yaw_rad_s=0.0, stamp_s=0.0, arrival_s=self.now, frame="base_link")
+        return msgspec.structs.replace(odometry, **changes)
+
+    def hear(self, *items):
+        for item in items:
+            self.inbox.put(item)
+        self.link.receive(self.now)
+
+    def open(self, *items):
+        self.client.arriving = [self.odometry(), Sight(1), Pressed(False), *items]
+        self.link.open()
+        return self
+
+    def enable(self):
+        self.play(self.link.enable_sequence())
+        return self
+
+    def play(self, steps):
+        pauses = []
+        for pause in steps:
+            pauses.append(pause)
+            self.now += pause
+            self.hear(self.odometry())
+        return pauses
+
+    def condition(self):
+        health = self.link.health(self.now)
+        return health.condition, health.detail
+
+
+@pytest.fixture
+def rig(monkeypatch):
+    return Rig(monkeypatch)
+
+
+def test_a_whole_robot_is_opened_enabled_driven_and_stopped(rig):
+    rig.open()
+    assert rig.client.log == ["connect", PROFILE.timeout_parameter, "advertise", "listen"]
+    assert (rig.link.firmware_timeout_s, rig.link.recoveries, rig.link.dropped()) == (0.5, 3, 0)
+    assert rig.condition() == (Condition.WAITING, "not enabled by this guard: pass --arm")
+    rig.enable()
+    assert rig.condition() == (Condition.READY, "")
+    rig.link.send(Setpoint(0, rig.now, (0.0, 0.0), (0.5, 0.2)), rig.now)
+    rig.link.keepalive(True, rig.now)
+    assert rig.play(rig.link.stop_sequence()) == [0.02, 0.02, 0.02]
+    motions = [motion for motion, _ in rig.client.published]
+    rest = BaseMotion()
+    assert motions == [rest, BaseMotion(0.5, 0.0, 0.2 / 0.4), rest, rest, rest]
+    assert rig.condition()[0] is Condition.WAITING
+    rig.link.close()
+    assert rig.client.log[-1] == "close"
+
+
+def test_a_rehearsal_publishes_nothing(rig):
+    rig.open()
+    rig.link.rehearse(Setpoint(0, rig.now, (0.0, 0.0), (0.5, 0.0)), rig.now)
+    assert rig.client.published == []
+
+
+def test_nothing_is_commanded_before_there_is_odometry(rig):
+    with pytest.raises(BridgeError, match=f"no odometry on {ODOMETRY}"):
+        rig.link.send(Setpoint(0, 0.0, (0.0, 0.0), (0.5, 0.0)), rig.now)
+
+
+@pytest.mark.parametrize(
+    ("item", "detail"),
+    [
+        (Pressed(True), f"the emergency stop is pressed ({STOP})"),
+        (Taken("/joy"), "an operator commands the robot on /joy"),
+        (Sight(1, ("/rival",)), f"/rival publishes on {COMMAND} too"),
+    ],
+)
+def test_whoever_takes_the_robot_keeps_it(rig, item, detail):
+    rig.open().enable()
+    rig.hear(item)
+    assert rig.condition() == (Condition.OVERRIDE, detail)
+    before = len(rig.client.published)
+    assert rig.play(rig.link.stop_sequence()) == []
+    assert len(rig.client.published) == before
+
+
+@pytest.mark.parametrize(
+    ("item", "detail"),
+    [(Sight(0), f"nobody listens on {COMMAND}"), (Trouble("the master is gone"), "the master is gone")],
+)
+def test_a_robot_that_does_not_hear_is_lost(rig, item, detail):
+    rig.open().enable()
+    rig.hear(item)
+    assert rig.condition() == (Condition.LOST, detail)
+
+
+def test_an_override_goes_before_loss_and_loss_before_odometry(rig):
+    rig.open().enable()
+    rig.now += 1.0
+    assert rig.condition() == (Condition.FAULT, "odometry is 1.00 s old")
+    rig.hear(Sight(0))
+    assert rig.condition()[0] is Condition.LOST
+    rig.hear(Pressed(True))
+    assert rig.condition()[0] is Condition.OVERRIDE
+    rig.hear(Pressed(False), Sight(1), rig.odometry())
+    assert rig.condition() == (Condition.READY, "")
+
+
+def test_two_that_tell_the_odometry_are_a_fault(rig):
+    rig.open().enable()
+    rig.hear(Sight(1, (), 2), rig.odometry())
+    assert rig.condition() == (
+        Condition.FAULT,
+        f"2 nodes publish {ODOMETRY}: one robot has one odometry",
+    )
+
+
+def test_odometry_that_stays_away_ends_the_enabling(rig):
+    rig.open()
+    rig.now += 0.5
+    steps = rig.link.enable_sequence()
+    with pytest.raises(BridgeError, match=r"not enabled within 2 s: odometry is 2\.\d\d s old"):
+        for pause in steps:
+            rig.now += pause
+
+
+def test_odometry_that_comes_back_lets_the_enabling_go_on(rig):
+    rig.open()
+    rig.now += 0.5
+    assert rig.play(rig.link.enable_sequence()) == [0.02]
+    rig.now += 0.5
+    steps = rig.link.enable_sequence()
+    assert [next(steps), next(steps)] == [0.02, 0.02]
+    rig.hear(rig.odometry())
+    assert list(steps) == []
+
+
+def test_a_flood_is_an_error(rig):
+    rig.open()
+    for _ in range(2 * MOST):
+        rig.inbox.put(Sight(1))
+    with pytest.raises(BridgeError, match="floods"):
+        rig.link.receive(rig.now)
+
+
+def test_the_robot_may_be_discovered_late(rig):
+    rig.client.graphs = [Graph(), Graph({COMMAND: WHOLE[COMMAND]}), Graph(WHOLE)]
+    rig.open()
+    assert rig.client.log[-1] == "listen"
+
+
+def changed(name, **changes):
+    return {**WHOLE, name: msgspec.structs.replace(WHOLE[name], **changes)}
+
+
+@pytest.mark.parametrize(
+    ("graph", "error", "line"),
+    [
+        (Graph(WHOLE, (FakeClient.name,)), BridgeError, "cfpg_edge_0 is there already"),
+        (
+            Graph(changed(COMMAND, types=("geometry_msgs/Twist", TWIST))),
+            ConfigError,
+            f"{COMMAND} carries geometry_msgs/Twist here, --ros-profile says {TWIST}",
+        ),
+        (Graph(changed(STOP, types=("std_msgs/Empty",))), ConfigError, "std_msgs/Empty here"),
+        (Graph(changed(COMMAND, publishers=("/move_base",))), BridgeError, "/move_base publishes on"),
+        (Graph(changed(ODOMETRY, publishers=("/one", "/two"))), BridgeError, "comes from /one, /two"),
+        (Graph(changed(COMMAND, subscribers=())), BridgeError, f"nobody listens on {COMMAND}"),
+        (Graph(changed(ODOMETRY, publishers=())), BridgeError, f"nobody publishes {ODOMETRY}"),
+        (
+            Graph({"/a200_0001/cmd_vel": WHOLE[COMMAND], "/rosout": Topic()}),
+            BridgeError,
+            "but there are /a200_0001/cmd_vel: check --ros-namespace",
+        ),
+        (Graph({"/rosout": Topic((), ("/rosout",))}), BridgeError, "only /rosout: check --ros-namespace"),
+        (Graph({f"/{n}": Topic((), ("/x",)) for n in range(9)}), BridgeError, "/7 and 1 more"),
+        (Graph(), BridgeError, r"nobody else is there \(domain 7\): start the robot's ROS"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(rig, graph, error, line):
+    rig.client.graphs = [graph]
+    with pytest.raises(error, match=line) as caught:
+        rig.open()
+    assert "\n" not in str(caught.value)
+    assert "advertise" not in rig.client.log
+
+
+@pytest.mark.parametrize(
+    ("arriving", "line"),
+    [
+        ([Sight(1)], f"no odometry yet on {ODOMETRY} within"),
+        ([Sight(1), "nan"], f"odometry is not finite on {ODOMETRY} within"),
+        (["odometry", Sight(0)], "no subscriber of .* takes our messages: its type or QoS differs"),
+        (["odometry", Sight(1), Pressed(True)], "the emergency stop is pressed"),
+        (["odometry", Sight(1), Sight(1, ("/late",))], "/late publishes on"),
+        (["odometry", Sight(1), Trouble("gone")], "gone"),
+    ],
+)
+def test_a_robot_that_cannot_be_driven_is_not_opened(rig, arriving, line):
+    known = {"odometry": rig.odometry(), "nan": rig.odometry(x_m=math.nan)}
+    rig.client.arriving = [known.get(item, item) if isinstance(item, str) else item for item in arriving]
+    with pytest.raises(BridgeError, match=line):
+        rig.link.open()
+    assert rig.now <= 50.0 + OPENING_S + 2.0
+
+
+def test_where_nobody_publishes_the_stop_nobody_waits_for_it(rig):
+    rig.client.graphs = [Graph(changed(STOP, publishers=()))]
+    rig.client.arriving = [rig.odometry(), Sight(1)]
+    rig.link.open()
+    assert (rig.link.pressed, rig.now) == (None, 50.1)
+
+
+def test_where_somebody_does_its_word_is_waited_for_a_while(rig):
+    rig.client.arriving = [rig.odometry(), Sight(1)]
+    rig.link.open()
+    assert rig.link.pressed is None
+    assert rig.now >= 51.0
+
+
+def test_a_profile_without_parameter_or_stop_asks_for_neither(monkeypatch):
+    profile = load_profile(profile_path("limo_ros2")).under("")
+    rig = Rig(monkeypatch, profile)
+    topics = {"/cmd_vel": Topic(("geometry_msgs/Twist",), (), ("/limo",)), "/odom": WHOLE[ODOMETRY]}
+    rig.client.graphs = [Graph(topics)]
+    rig.open()
+    assert rig.client.log == ["connect", "advertise", "listen"]
+    assert rig.link.firmware_timeout_s is None
+
+
+def test_commands_carry_the_robots_time(rig):
+    rig.open()
+    rig.hear(rig.odometry(stamp_s=1000.0))
+    rig.link.send(Setpoint(0, rig.now, (0.0, 0.0), (0.0, 0.0)), rig.now + 0.01)
+    assert rig.client.published[-1][1] == pytest.approx(1000.01)
+
+
+@pytest.mark.parametrize(("ros", "client"), [(1, Ros1Client), (2, Ros2Client)])
+def test_the_specification_names_client_profile_and_namespace(ros, client):
+    options = RosOptions(ros, str(profile_path("generic")), "/a200_0000", Origin(1.0, 2.0, 3.0), ("/ros",))
+    raw = msgspec.Raw(msgspec.json.encode(options))
+    link = make_link(GuardSpec(f"ros{ros}", 4, 0.1, SetpointLimits(1.0, 1.0), raw))
+    assert isinstance(link._client, client)
+    assert link._profile.command == "/a200_0000/cmd_vel"
+    link._inbox.close()

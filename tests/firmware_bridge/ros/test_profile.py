@@ -1,0 +1,82 @@
+"""The packaged profiles, and what a profile of one's own may say."""
+
+import pytest
+
+from edge_runtime.errors import ConfigError
+from firmware_bridge.ros.profile import PROFILES, check_namespace, load_profile, profile_path
+
+NAMES = sorted(path.stem for path in PROFILES.glob("*.toml"))
+
+
+def test_all_robots_of_the_readme_have_one():
+    assert NAMES == ["clearpath_humble", "clearpath_jazzy", "generic", "husky_noetic", "limo_ros2"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_packaged_profile_is_whole(name):
+    profile = load_profile(profile_path(name)).under("/a200_0000")
+    names = [profile.command, profile.odometry, profile.emergency_stop, profile.timeout_parameter]
+    assert all(topic.startswith("/") for topic in names if topic)
+    assert profile.base.reference_m > 0.0
+
+
+def test_names_are_below_the_namespace_unless_they_are_absolute():
+    husky = load_profile(profile_path("clearpath_jazzy")).under("/a200_0000")
+    assert husky.command == "/a200_0000/cmd_vel"
+    assert husky.timeout_parameter == "/a200_0000/platform_velocity_controller/cmd_vel_timeout"
+    assert husky.operators[0] == "/a200_0000/joy_teleop/cmd_vel"
+    assert load_profile(profile_path("limo_ros2")).under("/a200_0000").command == "/cmd_vel"
+
+
+def test_jazzy_stamps_its_commands_and_humble_does_not():
+    kinds = {name: load_profile(profile_path(name)).type_name for name in NAMES}
+    assert kinds["clearpath_jazzy"] == "geometry_msgs/TwistStamped"
+    assert kinds["clearpath_humble"] == kinds["husky_noetic"] == "geometry_msgs/Twist"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('command = "cmd_vel"', 'command = "cmd vel"', "not a name of ROS"),
+        ('command = "cmd_vel"', "", "command: missing"),
+        ('message = "Twist"', 'message = "Pose"', "allowed: 'Twist', 'TwistStamped'"),
+        ('"controller/cmd_vel_timeout"', '"cmd_vel_timeout"', "node/parameter"),
+        ("[limits]", "firmware_timeout_s = 0.5\n[limits]", "one of `timeout_parameter` and"),
+        ("[limits]", "stale_s = 0\n[limits]", "`stale_s` must lie in"),
+        ("[limits]", "period_s = 11\n[limits]", "`period_s` must lie in"),
+        ("[limits]", "zeros = 0\n[limits]", "`zeros` must lie in"),
+        ("[limits]", "recoveries = 101\n[limits]", "`zeros` must lie in"),
+        ("speed_m_s = 0.5", "speed_m_s = 0.0", "`speed_m_s` must be positive"),
+        ("speed_m_s = 0.5", "speed_m_s = 0.5\ndeceleration_m_s2 = 0", "`deceleration_m_s2` must be"),
+        ("speed_m_s = 0.5", "speed_m_s = 0.5\ncolour = 1", "unknown key"),
+        (
+            'kind = "differential"',
+            'kind = "ackermann"\nwheelbase_m = 1.0\nmax_steering_rad = 0.5',
+            "no steering angle",
+        ),
+    ],
+)
+def test_what_a_profile_may_not_say(tmp_path, old, new, complaint):
+    path = tmp_path / "mine.toml"
+    text = profile_path("generic").read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        load_profile(profile_path(str(path)))
+    assert str(path) in str(caught.value)
+
+
+def test_a_profile_that_does_not_exist_is_answered_with_those_that_do():
+    with pytest.raises(ConfigError, match="known: clearpath_humble, clearpath_jazzy, generic"):
+        profile_path("husky")
+
+
+@pytest.mark.parametrize("namespace", ["", "/a200_0000", "/fleet/a200_0000"])
+def test_a_namespace_is_accepted(namespace):
+    check_namespace(namespace)
+
+
+@pytest.mark.parametrize("namespace", ["a200_0000", "/", "/a200 0000", "/0", "/a200_0000/", "/a\n"])
+def test_what_is_no_namespace_is_refused(namespace):
+    with pytest.raises(ConfigError, match="must look like /a200_0000"):
+        check_namespace(namespace)
