@@ -36,12 +36,15 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Greatest change of each action component in a second; unlimited where None."""
     max_action: float | None = None
     """Greatest magnitude of each action component, in its unit; the policy's own limits where None."""
+    max_unfamiliar_s: float | None = None
+    """For so long a robot may act on observations that training never had; without end where None."""
 
     def __post_init__(self) -> None:
         positive = (1.0 / GREATEST, GREATEST)
         names = ("goal_tolerance_m", "slew_per_s", "max_action", "scale_m")
         check_bounds(self, dict.fromkeys(names, positive))
         check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
+        check_bounds(self, {"max_unfamiliar_s": (0.0, GREATEST)})
 
 
 class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

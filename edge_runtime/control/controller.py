@@ -10,6 +10,7 @@ from edge_runtime.control.limits import RobotLimits, first_command, limited
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
+from edge_runtime.observation.familiarity import FAMILIAR, Familiarity
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.velocity_field import VelocityField
 
@@ -23,6 +24,7 @@ class Controller:
         policy: a velocity field of batch 1; controllers that take turns may share one.
         guide: the objectives in force.
         limits: what it may be commanded.
+        familiarity: knows what the policy saw in training.
         seed: of the flow's start noise.
     """
 
@@ -33,6 +35,7 @@ class Controller:
         policy: VelocityField,
         guide: Guide,
         limits: RobotLimits,
+        familiarity: Familiarity,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id
@@ -44,12 +47,17 @@ class Controller:
         self.start: Vector = (0.0, 0.0)
         """Where the newest sample's flow began."""
         self.limits = limits
+        self.unfamiliar = FAMILIAR
+        """What the newest observation has that training never had."""
+        self._familiarity, self._strangest = familiarity, ""
         self._observer = observer
         self._random = random.Random(seed)
 
     def observe(self, team: TeamState) -> Array:
         """Compose the observation (1, O); the next call reuses it."""
-        return self._observer.observe(team)
+        observation = self._observer.observe(team)
+        self._strangest = self._familiarity.strangest(observation[0])
+        return observation
 
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
         """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
@@ -58,7 +66,8 @@ class Controller:
 
     def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:
         """Turn the action into this tick's command."""
-        self.command = limited(guided, team, self.command, self.limits, now_s)
+        self.unfamiliar = self._familiarity.follow(self._strangest, now_s)
+        self.command = limited(guided, team, self.command, self.limits, now_s, self.unfamiliar)
         return self.command
 
     def decide(self, team: TeamState, now_s: float) -> Command:

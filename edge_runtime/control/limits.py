@@ -11,6 +11,7 @@ import msgspec
 from edge_runtime.common.bounds import is_motion
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
 from edge_runtime.motion.dynamics import Preview
+from edge_runtime.observation.familiarity import FAMILIAR, Unfamiliar
 
 
 class RobotLimits(msgspec.Struct, frozen=True, gc=False):
@@ -27,10 +28,17 @@ class RobotLimits(msgspec.Struct, frozen=True, gc=False):
     max_state_age_s: float
     max_speed_m_s: float = math.inf
     """Greatest velocity setpoint; a longer one is shortened, its direction kept."""
+    max_unfamiliar_s: float = math.inf
+    """For so long it may act on observations that training never had."""
 
 
 def limited(
-    guided: GuidedAction, team: TeamState, previous: Command, limits: RobotLimits, now_s: float
+    guided: GuidedAction,
+    team: TeamState,
+    previous: Command,
+    limits: RobotLimits,
+    now_s: float,
+    unfamiliar: Unfamiliar = FAMILIAR,
 ) -> Command:
     """Turn a guided action into this tick's command.
 
@@ -40,6 +48,7 @@ def limited(
         previous: the command before this one.
         limits: the robot's limits.
         now_s: monotonic time.
+        unfamiliar: what the action's observation had that training never had.
 
     Returns:
         A command whose action is clamped and slew-limited, with the velocity that it leads to; zero, with
@@ -48,6 +57,9 @@ def limited(
     fault = guided.fault or team_fault(team, limits.max_state_age_s, now_s)
     if not fault and not _finite(guided.action):
         fault = "the action is not finite"
+    if not fault and unfamiliar.field and unfamiliar.seconds >= limits.max_unfamiliar_s:
+        longest = f"{limits.max_unfamiliar_s:g} s"
+        fault = f"{unfamiliar.field} has been outside of all that the policy saw in training for {longest}"
     if fault:
         return stop_command(previous, fault, now_s)
     steps = zip(guided.action, previous.action, limits.low, limits.high, strict=True)

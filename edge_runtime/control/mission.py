@@ -15,6 +15,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.observation.familiarity import Familiarity, knows_training
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import Adaptation, adapt
 from edge_runtime.policy.backend import Backend
@@ -61,6 +62,7 @@ class Mission:
         self._check_apart("goal_m")
         self._check_obstacles()
         self._check_sight(self.objective_set)
+        self._check_familiarity()
 
     @property
     def objectives(self) -> tuple[Objective, ...]:
@@ -118,6 +120,7 @@ class Mission:
             self.policy,
             self.guide(),
             self._limits(robot, max_speed_m_s),
+            Familiarity(self.bundle.manifest.observation),
             self.seed * 2**16 + robot.id,
         )
 
@@ -136,6 +139,7 @@ class Mission:
             max_step=slew_per_s * self.period_s,
             max_state_age_s=team.max_state_age_s,
             max_speed_m_s=min(max_speed_m_s, robot.max_speed_m_s or math.inf),
+            max_unfamiliar_s=math.inf if team.max_unfamiliar_s is None else team.max_unfamiliar_s,
         )
 
     def _check_sight(self, asked: ObjectiveSet) -> None:
@@ -157,6 +161,17 @@ class Mission:
                     f'"teammates" shows no obstacles, which {objective.name} needs to see; allowed: the '
                     "address of a stream, such as 10.0.0.5:47100",
                 )
+
+    def _check_familiarity(self) -> None:
+        """Refuse to judge by ranges that nobody knows."""
+        asked = self.fleet.team.max_unfamiliar_s is not None
+        if asked and not knows_training(self.bundle.manifest.observation):
+            refuse(
+                self.fleet.path,
+                "team.max_unfamiliar_s",
+                f"policy {self.bundle.manifest.name!r} does not say what it saw in training; "
+                "leave it out, or export the policy again (a graph: with --calibration FILE.npz)",
+            )
 
     def _check_obstacles(self) -> None:
         for index, obstacle in enumerate(self.fleet.obstacles):

@@ -10,6 +10,7 @@ from edge_runtime.control.judgement import SETTLE_S, Judging
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState
+from edge_runtime.observation.familiarity import FAMILIAR, Unfamiliar
 
 WAITS: Final = "no own state yet"
 """Why a robot stands of which nothing is known."""
@@ -42,6 +43,10 @@ class Monitor:
         """Ticks that stopped the robot, by reason."""
         self.objective_fault = ""
         """The first fault that was an objective's."""
+        self.unfamiliar: Counter[str] = Counter()
+        """Ticks whose observation was outside of what training had, by the worst field."""
+        self.unfamiliar_now = ""
+        """The worst field in the newest tick; empty if all is as in training."""
         self.saw_itself = False
         """Whether the robot's own state was ever known."""
         self.stop_reason = ""
@@ -55,9 +60,14 @@ class Monitor:
         self._hold_ticks, self._held = hold_ticks, 0
         self._euler_steps = euler_steps
 
-    def update(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+    def update(
+        self, team: TeamState, guided: GuidedAction, command: Command, unfamiliar: Unfamiliar = FAMILIAR
+    ) -> None:
         """Take one tick into account."""
         self.saw_itself = True
+        self.unfamiliar_now = unfamiliar.field
+        if unfamiliar.field:
+            self.unfamiliar[unfamiliar.field] += 1
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
         self._follow_team(states)
         self._measure(states, team)

@@ -16,7 +16,7 @@ FlowStart = Literal["noise", "zero"]
 """What a flow was trained to start from: standard normal noise, or zero alone (a Gaussian policy's mean)."""
 
 
-class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One contiguous piece of the observation vector."""
 
     name: str
@@ -25,6 +25,8 @@ class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Components."""
     unit: str
     """Of each component."""
+    seen: tuple[tuple[float, float], ...] | None = None
+    """Least and greatest value of each component in training; None where that is not known."""
 
 
 class ActionField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

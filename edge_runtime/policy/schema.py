@@ -7,7 +7,7 @@ from typing import Final, NoReturn
 from edge_runtime.common.bounds import GREATEST, RATE_HZ
 from edge_runtime.errors import BundleError
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import BUNDLE_FORMAT, Body, Manifest, Training
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, Body, Manifest, ObservationField, Training
 
 OBSERVATION_UNITS: Final = {
     "position": "m",
@@ -144,6 +144,17 @@ def _check_observation(rules: _Rules, manifest: Manifest) -> None:
         rules.require(field.unit == unit, f"{key}.unit", field.unit, f"{unit!r} for {field.name}")
         fits = field.size == size and size > 0
         rules.require(fits, f"{key}.size", field.size, _wanted_size(field.name, size))
+        _check_seen(rules, f"{key}.seen", field)
+
+
+def _check_seen(rules: _Rules, key: str, field: ObservationField) -> None:
+    if field.seen is None:
+        return
+    count = len(field.seen)
+    rules.require(count == field.size, key, count, f"{field.size} pairs of a least and a greatest value")
+    for index, (low, high) in enumerate(field.seen):
+        rules.bounded(f"{key}[{index}][0]", low)
+        rules.between(f"{key}[{index}][1]", high, low, GREATEST)
 
 
 def _wanted_size(name: str, size: int) -> str:

@@ -37,6 +37,9 @@ def changes(before: Tick | None, tick: Tick, time_ns: int) -> Iterator[Event]:
         yield event(time_ns, INFO, "recovered", f"drives again after: {last_reason}")
     if tick.action.cut and not (before and before.action.cut):
         yield event(time_ns, WARNING, "cut", f"the deadline cut the sample after {tick.action.steps} steps")
+    field = tick.observation.unfamiliar
+    if field and field != (before.observation.unfamiliar if before else ""):
+        yield event(time_ns, WARNING, "unfamiliar", f"{field} is outside of what training had")
     if before is None:
         return
     if missed := tick.inputs.misses - before.inputs.misses:

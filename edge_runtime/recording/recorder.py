@@ -142,6 +142,7 @@ class Recorder:
             guided,
             command,
             self._timing.laps,
+            controller.unfamiliar,
         )
         pack_tick(parts, self._packet)
         self._number += 1

@@ -106,6 +106,8 @@ class Settings(msgspec.Struct, frozen=True):
     """Greatest change of each action component from one command to the next; unlimited where None."""
     max_speed_m_s: float | None = None
     """Greatest velocity setpoint; unlimited where None."""
+    max_unfamiliar_s: float | None = None
+    """How long the robot might act on what training never had; without end where None."""
     adaptation: Adaptation = Adaptation()
     """Where the robot differed from the policy's."""
 
@@ -208,6 +210,10 @@ class Observation(msgspec.Struct, frozen=True, gc=False):
 
     values: tuple[float, ...]
     """(O,) 32-bit floats."""
+    unfamiliar: str = ""
+    """The field that lies furthest outside of what training had; empty if none does."""
+    unfamiliar_s: float = 0.0
+    """For how long now, without a tick inside."""
 
 
 class StageTimes(msgspec.Struct, frozen=True, gc=False):
@@ -308,6 +314,7 @@ EVENTS: Final = (
     "recovered",
     "miss",
     "cut",
+    "unfamiliar",
     "lost",
     "found",
     "objectives",
@@ -315,7 +322,8 @@ EVENTS: Final = (
     "gap",
     "stop",
 )
-"""Fault begins, fault ends, deadlines missed, samples are cut short, teammate lost, teammate found,
+"""Fault begins, fault ends, deadlines missed, samples are cut short, observations leave what
+training had, teammate lost, teammate found,
 objectives exchanged, the firmware complains, ticks lost to the log, run stopped."""
 
 TICK_CHANNELS: Final = ("inputs", "state", "observation", "action", "command", "timing")

@@ -118,6 +118,7 @@ def _settings(mission: Mission, controller: Controller, *, bridge: str, dry_run:
         max_state_age_s=limits.max_state_age_s,
         max_step=_finite(limits.max_step),
         max_speed_m_s=_finite(limits.max_speed_m_s),
+        max_unfamiliar_s=_finite(limits.max_unfamiliar_s),
         adaptation=adaptation_of(mission.fleet.robot(mission.robot_id), mission.fleet.team),
     )
 

@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.messages import Command, GuidedAction, TeamState, Vector
+from edge_runtime.observation.familiarity import Unfamiliar
 from edge_runtime.recording.schema import (
     End,
     Inputs,
@@ -70,6 +71,7 @@ TickParts = tuple[
     GuidedAction,
     Command,
     list[float],  # stage times
+    Unfamiliar,
 ]
 _TICK: Final = b"T"
 _KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | Complaint | End]]] = {
@@ -81,7 +83,20 @@ _KINDS: Final[dict[bytes, type[Start | LoggedObjectiveSet | Complaint | End]]] =
 _LETTERS: Final = {kind: letter for letter, kind in _KINDS.items()}
 _DECODERS: Final = {letter: msgspec.msgpack.Decoder(kind) for letter, kind in _KINDS.items()}
 _PARTS: Final = msgspec.msgpack.Decoder(
-    tuple[int, float, int, int, Vector, Vector, TeamState, bytes, GuidedAction, Command, tuple[float, ...]]
+    tuple[
+        int,
+        float,
+        int,
+        int,
+        Vector,
+        Vector,
+        TeamState,
+        bytes,
+        GuidedAction,
+        Command,
+        tuple[float, ...],
+        Unfamiliar,
+    ]
 )
 _encoder: Final = msgspec.msgpack.Encoder()
 _encode: Final = _encoder.encode
@@ -108,11 +123,9 @@ def decode_packet(packet: bytes) -> Packet:
     letter, body = packet[:1], memoryview(packet)[1:]
     if letter != _TICK:
         return _DECODERS[letter].decode(body)
-    number, deadline_s, misses, version, start, previous, team, seen, guided, command, laps = _PARTS.decode(
-        body
-    )
-    inputs = Inputs(number, deadline_s, misses, version, start, previous)
-    observation = Observation(tuple(memoryview(seen).cast("f")))
+    parts = _PARTS.decode(body)
+    inputs, (team, seen, guided, command, laps, unfamiliar) = Inputs(*parts[:6]), parts[6:]
+    observation = Observation(tuple(memoryview(seen).cast("f")), unfamiliar.field, unfamiliar.seconds)
     return Tick(inputs, team, observation, guided, command, StageTimes(*laps))
 
 

@@ -66,10 +66,12 @@ class LiveLine:
         own = monitor.robots[self._robot_id]
         reached = sum(map(monitor.reached, monitor.robots))
         nearest = f"{own.min_separation_m:.2f} m" if math.isfinite(own.min_separation_m) else "-"
-        return (
+        line = (
             f"{begin}: goal {own.goal_distance_m:.2f} m, nearest {nearest}; "
             f"{reached} of {len(monitor.robots)} there, {self._grid.misses} missed"
         )
+        unseen = f"; unseen {monitor.unfamiliar_now}" if monitor.unfamiliar_now else ""
+        return line + unseen[: LONGEST_LINE - len(line)]
 
 
 def use_colour(stream: TextIO) -> bool:
@@ -92,6 +94,7 @@ def summary(report: RunReport, *, colour: bool) -> str:
             "faults",
             "; ".join(f"{reason}: {count} ticks" for reason, count in report.faults.items()) or "none",
         ),
+        ("unfamiliar", _unfamiliar(report)),
         ("log", _log(report, colour)),
         *([("stopping", _stopping(report.stopping, colour))] if report.stopping else []),
     ]
@@ -198,6 +201,15 @@ def _tick(report: RunReport) -> str:
     stages = ", ".join(f"{name} {stage.p50 / 1e3:.2f}" for name, stage in report.stage_us.items())
     whole = f"p50 {tick.p50 / 1e3:.2f} ms, p99 {tick.p99 / 1e3:.2f} ms, max {tick.max / 1e3:.2f} ms"
     return f"{whole} (p50: {stages})"
+
+
+def _unfamiliar(report: RunReport) -> str:
+    """Say how many observations were unlike those of training, and what was in them."""
+    if report.unfamiliar is None:
+        return "not judged: the bundle does not say what the policy saw in training"
+    fields = ", ".join(f"{field} {ticks}" for field, ticks in report.unfamiliar.items())
+    outside = sum(report.unfamiliar.values())
+    return f"{outside} of {report.ticks} observations" + (f": {fields}" if fields else "")
 
 
 def _log(report: RunReport, colour: bool) -> str:

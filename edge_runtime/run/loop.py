@@ -76,7 +76,7 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         timing.lap()
         timing.end()
         fleet.share(own, command)
-        monitor.update(team, guided, command)
+        monitor.update(team, guided, command, controller.unfamiliar)
         session.watch.tell(team, guided, command)
         if session.slopes:
             session.slopes.check(controller.guide, team, guided.action)

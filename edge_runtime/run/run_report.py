@@ -9,6 +9,7 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, Percentiles, TimingRecord
 from edge_runtime.control.stopping import Stopping
+from edge_runtime.observation.familiarity import knows_training
 from edge_runtime.recording.wire import LogReport
 from edge_runtime.team.report import FleetReport
 
@@ -49,6 +50,9 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """Ticks whose sample was cut short by the deadline."""
     faults: dict[str, int]
     """Ticks that stopped the robot, by reason."""
+    unfamiliar: dict[str, int] | None = None
+    """Ticks whose observation was outside of what training had, by the worst field; None if the bundle does
+    not say what training had."""
     complaints: tuple[str, ...] = ()
     """What the robot's firmware complained of and drove on with."""
     objective_fault: str = ""
@@ -117,6 +121,7 @@ def make_report(
         longest_miss_burst=grid.longest_burst,
         anytime_ticks=monitor.anytime_ticks,
         faults=dict(monitor.faults),
+        unfamiliar=dict(monitor.unfamiliar) if knows_training(mission.bundle.manifest.observation) else None,
         complaints=complaints,
         objective_fault=monitor.objective_fault,
         tick_us=timing.tick_us(),

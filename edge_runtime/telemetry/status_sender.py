@@ -139,6 +139,8 @@ class StatusSender:
             objectives_version=self._version,
             ages_s={mate.state.robot_id: mate.age_s for mate in team.teammates},
             stop_reason=command.stop_reason[:LONGEST_TEXT],
+            unfamiliar=monitor.unfamiliar_now[:LONGEST_TEXT],
+            unfamiliar_ticks=monitor.unfamiliar.total(),
         )
 
 

@@ -49,7 +49,7 @@ def straight_weights() -> FlowWeights:
     )
 
 
-def write_straight_bundle(directory: Path) -> Path:
+def write_straight_bundle(directory: Path, manifest: Manifest = MANIFEST) -> Path:
     """Write the straight policy as a bundle that the numpy runtime loads."""
     directory.mkdir()
     contents = {
@@ -59,7 +59,7 @@ def write_straight_bundle(directory: Path) -> Path:
     for name, content in contents.items():
         (directory / name).write_bytes(content)
     files = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
-    encoded = msgspec.json.encode(msgspec.structs.replace(MANIFEST, files=files))
+    encoded = msgspec.json.encode(msgspec.structs.replace(manifest, files=files))
     (directory / MANIFEST_FILE).write_bytes(encoded)
     (directory / DIGEST_FILE).write_bytes(digest_line(encoded))
     return directory

@@ -225,6 +225,10 @@ def _text(result: ReplayResult, flags: argparse.Namespace) -> str:
         lines += [f"              {difference}" for difference in result.differences]
         if start is not None:
             lines += [f"  made on     {start.machine.processor}, numpy {start.versions.numpy}"]
+    if result.replay is not None and result.replay.unfamiliar:
+        outside = result.replay.unfamiliar
+        fields = ", ".join(f"{field} {ticks}" for field, ticks in outside.most_common())
+        lines += [f"  unfamiliar  {outside.total()} of {result.ticks} observations: {fields}"]
     if result.damage:
         lines += [f"  damaged     {result.damage}; what comes later is not judged"]
     return "\n".join(lines)

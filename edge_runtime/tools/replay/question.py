@@ -31,8 +31,8 @@ class Answer:
         self.times_s.append(tick.inputs.deadline_s - self.start.started_s)
         self.positions_m.append(tick.state.own.position_m)
         self.done.append(tick.command)
-        action = replay.act(tick, replay.observe(tick))
-        self.instead.append(replay.limit(tick, action))
+        seen = replay.observe(tick)
+        self.instead.append(replay.limit(tick, replay.act(tick, seen), seen))
 
     def changes(self) -> np.ndarray:
         """Distance (T,) between the actions done and instead, in the policy's action units."""

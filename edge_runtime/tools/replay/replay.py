@@ -7,6 +7,7 @@ processor that rounds otherwise, every number but counts is compared within `TOL
 """
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,7 @@ from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
+from edge_runtime.observation.familiarity import Familiarity, Unfamiliar
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import adapt
 from edge_runtime.policy.backend import BACKENDS, Backend
@@ -67,12 +69,15 @@ class Replay:
 
     def __init__(self, start: Start, bundle: Bundle, policy: VelocityField, tolerance: float = 0.0) -> None:
         self.tolerance = tolerance
+        self.unfamiliar: Counter[str] = Counter()
+        """Ticks whose observation was outside of what training had, by the worst field."""
         self.worst = 0.0
         """Largest difference seen within the tolerance."""
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
         adaptation = start.settings.adaptation
         bundle = adapt(bundle, adaptation)
         self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m, adaptation.scale_m)
+        self._familiarity = Familiarity(bundle.manifest.observation)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
         self.follow(ObjectiveSet())
@@ -83,7 +88,11 @@ class Replay:
 
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""
-        return Observation(tuple(self._observer.observe(tick.state)[0].tolist()))
+        values = self._observer.observe(tick.state)[0]
+        field = self._familiarity.strangest(values)
+        if field:
+            self.unfamiliar[field] += 1
+        return Observation(tuple(values.tolist()), field, tick.observation.unfamiliar_s if field else 0.0)
 
     def act(self, tick: Tick, observation: Observation) -> GuidedAction:
         """The action for an observation, cut short where the recorded one was."""
@@ -93,20 +102,21 @@ class Replay:
             self._policy, inputs, tick.state, self._guide, tick.inputs.start, most_steps=most_steps
         )
 
-    def limit(self, tick: Tick, action: GuidedAction) -> Command:
-        """The command for an action."""
+    def limit(self, tick: Tick, action: GuidedAction, seen: Observation) -> Command:
+        """The command for an action, sampled from an observation."""
         then = tick.command
         previous = Command(
             then.robot_id, then.sequence - 1, then.stamp_s, tick.inputs.previous_action, (0.0, 0.0)
         )
-        return limited(action, tick.state, previous, self._limits, then.stamp_s)
+        unfamiliar = Unfamiliar(seen.unfamiliar, seen.unfamiliar_s)
+        return limited(action, tick.state, previous, self._limits, then.stamp_s, unfamiliar)
 
     def differences(self, tick: Tick) -> Iterator[Difference]:
         """Make a tick again; yield the first number that differs in each stage."""
         stages = (
             ("observation", tick.observation, self.observe(tick)),
             ("action", tick.action, self.act(tick, tick.observation)),
-            ("command", tick.command, self.limit(tick, tick.action)),
+            ("command", tick.command, self.limit(tick, tick.action, tick.observation)),
         )
         for stage, recorded, replayed in stages:
             if encode(recorded) == encode(replayed):
@@ -172,6 +182,7 @@ def _limits(start: Start, bundle: Bundle) -> RobotLimits:
         max_step=math.inf if settings.max_step is None else settings.max_step,
         max_state_age_s=settings.max_state_age_s,
         max_speed_m_s=math.inf if settings.max_speed_m_s is None else settings.max_speed_m_s,
+        max_unfamiliar_s=math.inf if settings.max_unfamiliar_s is None else settings.max_unfamiliar_s,
     )
 
 

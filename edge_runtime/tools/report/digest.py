@@ -39,6 +39,8 @@ class RunDigest:
     """(T,), since the start."""
     stopped: tuple[str, ...]
     """(T,): why the command was zero, or empty."""
+    unfamiliar: tuple[str, ...]
+    """(T,): what the observation had that training never had, or empty."""
     costs: dict[str, Floats]
     """(T,) by objective."""
     conflicts: dict[str, Floats]
@@ -59,6 +61,7 @@ class _Columns:
     stage_us: list[tuple[float, ...]] = field(default_factory=list)
     misses: list[float] = field(default_factory=list)
     stopped: list[str] = field(default_factory=list)
+    unfamiliar: list[str] = field(default_factory=list)
     costs: dict[str, dict[int, float]] = field(default_factory=dict)
     conflicts: dict[str, dict[int, float]] = field(default_factory=dict)
     projected: list[float] = field(default_factory=list)
@@ -74,6 +77,7 @@ class _Columns:
         self.stage_us.append(tuple(getattr(tick.timing, stage) for stage in STAGES))
         self.misses.append(tick.inputs.misses)
         self.stopped.append(printable(tick.command.stop_reason))
+        self.unfamiliar.append(printable(tick.observation.unfamiliar))
         for name, cost in zip(objectives, action.costs, strict=False):  # a refused sample has none
             self.costs.setdefault(name, {})[row] = cost
         for name, count in zip(objectives, action.conflicts, strict=False):
@@ -140,6 +144,7 @@ def _arranged(
         _drawn(np.array(columns.stage_us, np.float64).reshape(count, len(STAGES))),
         np.array(columns.misses, np.float64),
         tuple(columns.stopped),
+        tuple(columns.unfamiliar),
         {name: _filled(rows, count, 1)[:, 0] for name, rows in columns.costs.items()},
         {name: _filled(rows, count, 1)[:, 0] for name, rows in columns.conflicts.items()},
         np.array(columns.projected),

@@ -1,5 +1,6 @@
 """When robots stood, and what else happened."""
 
+from collections import Counter
 from collections.abc import Iterator
 from itertools import groupby
 
@@ -31,6 +32,7 @@ def items(team: TeamDigest) -> list[Item]:
         key=lambda entry: entry[0],
     )
     table = [(f"{time_s:.2f}", name, event.name, event.message) for time_s, name, event in told]
+    found += [Note(_unfamiliar(run)) for run in team.runs if any(run.unfamiliar)]
     found.append(Table(("time s", "robot", "event", "what"), table[:MOST_ROWS]))
     if len(table) > MOST_ROWS:
         found.append(Note(f"{len(table) - MOST_ROWS} later events are in the logs."))
@@ -46,6 +48,13 @@ def _stops(team: TeamDigest, run: RunDigest) -> Iterator[chart.Span]:
             yield chart.Span(
                 _name(run), float(times[first]), float(times[min(row, len(times) - 1)]), "stopped"
             )
+
+
+def _unfamiliar(run: RunDigest) -> str:
+    counts = Counter(field for field in run.unfamiliar if field)
+    fields = ", ".join(f"{field} {count}" for field, count in counts.most_common())
+    outside = f"{counts.total()} of {len(run.unfamiliar)}"
+    return f"{_name(run)}: {outside} observations were unlike training's: {fields}."
 
 
 def _time_s(team: TeamDigest, event: Event) -> float:

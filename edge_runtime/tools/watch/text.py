@@ -66,6 +66,12 @@ def missed(status: Status) -> Cell:
     return Cell(str(status.missed), None if status.missed == 0 else False)
 
 
+def unfamiliar(status: Status) -> str:
+    """How many observations were unlike those of training, and what is now."""
+    now = f", {status.unfamiliar} now" if status.unfamiliar else ""
+    return f"{status.unfamiliar_ticks} unfamiliar observations{now}"
+
+
 def milliseconds(span: Span) -> str:
     """Median and 99th percentile."""
     return f"{_three_digits(span.p50 / 1e3)}/{_three_digits(span.p99 / 1e3)}"

@@ -31,6 +31,11 @@ class TeamView:
         yield self._heading(options.max_width)
         yield _robots(self._team)
         yield from _stop_reasons(self._team)
+        yield from (
+            Text(f"robot {each.robot_id}: {text.unfamiliar(each)}", "yellow")
+            for each in statuses
+            if each.unfamiliar_ticks
+        )
         if statuses:
             yield Group(Text(), _objectives(statuses))
             yield Group(Text(), _times(statuses))

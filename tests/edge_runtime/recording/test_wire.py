@@ -14,6 +14,7 @@ from edge_runtime.messages import (
     TeamState,
     TrackedObject,
 )
+from edge_runtime.observation.familiarity import Unfamiliar
 from edge_runtime.recording.schema import End, Inputs, LoggedObjectiveSet, Observation, StageTimes, Tick
 from edge_runtime.recording.wire import decode_packet, encode_packet, pack_tick, tick_packet
 
@@ -34,7 +35,7 @@ ticks = st.builds(
     Tick,
     st.builds(Inputs, numbers, floats, numbers, numbers, vectors, vectors),
     teams,
-    st.builds(Observation, st.lists(st.floats(width=32), max_size=9).map(tuple)),
+    st.builds(Observation, st.lists(st.floats(width=32), max_size=9).map(tuple), st.text(), floats),
     actions,
     commands,
     st.builds(StageTimes, *[floats] * 7),
@@ -64,6 +65,7 @@ def packet_of(record, buffer):
             record.action,
             record.command,
             laps,
+            Unfamiliar(record.observation.unfamiliar, record.observation.unfamiliar_s),
         ),
         buffer,
     )

@@ -122,7 +122,8 @@ def test_ticks_that_their_deadline_cut_are_repeated_with_as_many_steps(log, tmp_
         most = 1 + tick.inputs.number % 10
         action = guided_action(policy, inputs, tick.state, replay._guide, tick.inputs.start, most_steps=most)
         steps.add(action.steps)
-        return replace(tick, action=action, command=replay.limit(tick, action))
+        command = replay.limit(tick, action, tick.observation)
+        return replace(tick, action=action, command=command)
 
     assert main([str(write(tmp_path / "cut.mcap", again(log, cut)))]) == 0
     assert steps == set(range(1, 11))
@@ -135,7 +136,7 @@ def test_states_that_are_not_finite_are_recorded_and_repeated(log, tmp_path, val
         tick = replace(tick, state=replace(tick.state, own=own))
         tick = replace(tick, observation=replay.observe(tick))
         tick = replace(tick, action=replay.act(tick, tick.observation))
-        return replace(tick, command=replay.limit(tick, tick.action))
+        return replace(tick, command=replay.limit(tick, tick.action, tick.observation))
 
     path = write(tmp_path / "broken.mcap", again(log, broken))
     assert all(tick.command.stop_reason for tick in ticks(path))
