@@ -14,7 +14,8 @@ import firmware_bridge
 
 FLOORS = """
 edge_runtime
-edge_runtime.common edge_runtime.motion
+edge_runtime.common
+edge_runtime.motion
 edge_runtime.objectives edge_runtime.policy edge_runtime.tools.report.page
 edge_runtime.guidance edge_runtime.observation
 edge_runtime.config

@@ -1,0 +1,178 @@
+"""Linear motion, axis by axis: its gains some steps ahead are constant, and computed once."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from edge_runtime.messages import RobotState
+from edge_runtime.motion.prediction import Columns, PredictedMotion, Preview
+
+Row = tuple[float, ...]
+"""One number for each of d action components."""
+
+
+class Axis(msgspec.Struct, frozen=True, gc=False):
+    """One axis, x, y, z or the heading, some steps ahead under a constant action u (d,).
+
+    v' = velocity_decay v + velocity_gain . u
+    p' = p + position_decay v + position_gain . u
+    """
+
+    velocity_decay: float
+    velocity_gain: Row
+    position_decay: float
+    """dp'/dv in seconds."""
+    position_gain: Row
+
+    def after(self, steps: int) -> "Axis":
+        """This axis, that of one step, after so many.
+
+        Raises:
+            ValueError: if ``steps`` is below one.
+        """
+        if steps < 1:
+            raise ValueError(f"a preview looks at least one step ahead, got {steps}")
+        keep, reach = self.velocity_decay, self.position_decay
+        velocity_decay, position_decay = 1.0, 0.0
+        velocity_gain = position_gain = (0.0,) * len(self.velocity_gain)
+        for _ in range(steps):
+            position_decay += reach * velocity_decay
+            position_gain = _sum(position_gain, _sum(_scaled(reach, velocity_gain), self.position_gain))
+            velocity_decay *= keep
+            velocity_gain = _sum(_scaled(keep, velocity_gain), self.velocity_gain)
+        return Axis(velocity_decay, velocity_gain, position_decay, position_gain)
+
+
+def _sum(a: Row, b: Row) -> Row:
+    return tuple([x + y for x, y in zip(a, b, strict=True)])
+
+
+def _scaled(factor: float, row: Row) -> Row:
+    return tuple([factor * value for value in row])
+
+
+def preview_of(axes: Sequence[Axis], dims: int) -> Preview:
+    """The preview of these axes: those of the plane or of space, and then perhaps the heading's."""
+    places, turn = axes[:dims], axes[dims:]
+    rows = [axis.position_gain for axis in places[:2]] + [axis.velocity_gain for axis in places[:2]]
+    if dims == 3 or turn:
+        nothing = (0.0,) * len(rows[0])
+        rows += [places[2].position_gain, places[2].velocity_gain] if dims == 3 else [nothing, nothing]
+    if turn:
+        rows += [turn[0].position_gain, turn[0].velocity_gain]
+    gains = (
+        _greatest([axis.position_gain for axis in places]),
+        _greatest([axis.velocity_gain for axis in places]),
+    )
+    columns = tuple(zip(*rows, strict=True))
+    x, y, *others = axes
+    decays = (x.velocity_decay, x.position_decay)
+    alike = not others and decays == (y.velocity_decay, y.position_decay)
+    if alike and columns == ((gains[0], 0.0, gains[1], 0.0), (0.0, gains[0], 0.0, gains[1])):
+        return PlanarPreview(*gains, *decays, columns)
+    return LinearPreview(*gains, dims, bool(turn), tuple(axes), columns)
+
+
+def _greatest(rows: Sequence[Row]) -> float:
+    """Greatest length that a unit action gives: the spectral norm, exact where components act on one axis."""
+    if all(sum(map(bool, column)) <= 1 for column in zip(*rows, strict=True)):
+        return max(math.hypot(*row) for row in rows)
+    return float(np.linalg.norm(np.array(rows), 2))
+
+
+class LinearPreview(msgspec.Struct, frozen=True, gc=False):
+    """A `Preview` whose Jacobian is the same everywhere."""
+
+    position_gain: float
+    velocity_gain: float
+    dims: int
+    turns: bool
+    axes: tuple[Axis, ...]
+    columns: Columns
+
+    def forecast(self, state: RobotState) -> "LinearForecast":
+        """See `Preview.forecast`."""
+        position, velocity = [*state.position_m], [*state.velocity_m_s]
+        if self.turns:
+            position.append(state.heading_rad)
+            velocity.append(state.yaw_rate_rad_s)
+        moved = [
+            (place + axis.position_decay * speed, axis.velocity_decay * speed)
+            for axis, place, speed in zip(self.axes, position, velocity, strict=True)
+        ]
+        (x, vx), (y, vy) = moved[:2]
+        z, vz = moved[2] if self.dims == 3 else (0.0, 0.0)
+        heading, yaw_rate = moved[-1] if self.turns else (0.0, 0.0)
+        return LinearForecast(PredictedMotion(x, y, vx, vy, z, vz, heading, yaw_rate), self.columns)
+
+    def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
+        """See `Preview.predict`."""
+        return self.forecast(state).at(action)[0]
+
+
+class LinearForecast(msgspec.Struct, frozen=True, gc=False):
+    """A `Forecast` that is linear in the action."""
+
+    drift: PredictedMotion
+    columns: Columns
+
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+        """See `Forecast.at`."""
+        motion = list(self.drift)
+        for value, column in zip(action, self.columns, strict=True):
+            for component, gain in enumerate(column):
+                motion[component] += gain * value
+        return PredictedMotion(*motion), self.columns
+
+
+class PlanarPreview(msgspec.Struct, frozen=True, gc=False):
+    """A `Preview` of the plane with the same gains along x and y, one action component for each.
+
+    The numbers are those of `LinearPreview`, in as few operations as Python can.
+    """
+
+    position_gain: float
+    velocity_gain: float
+    velocity_decay: float
+    position_decay: float
+    columns: Columns
+    dims: int = 2
+
+    def forecast(self, state: RobotState) -> "PlanarForecast":
+        """See `Preview.forecast`."""
+        (x, y), (vx, vy) = state.position_m, state.velocity_m_s
+        reach, keep = self.position_decay, self.velocity_decay
+        return PlanarForecast(PredictedMotion(x + reach * vx, y + reach * vy, keep * vx, keep * vy), self)
+
+    def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
+        """See `Preview.predict`."""
+        (x, y), (vx, vy), (ux, uy) = state.position_m, state.velocity_m_s, action
+        reach, keep, shift, push = (
+            self.position_decay,
+            self.velocity_decay,
+            self.position_gain,
+            self.velocity_gain,
+        )
+        return PredictedMotion(
+            x + reach * vx + shift * ux,
+            y + reach * vy + shift * uy,
+            keep * vx + push * ux,
+            keep * vy + push * uy,
+        )
+
+
+class PlanarForecast(msgspec.Struct, frozen=True, gc=False):
+    """A `Forecast` of the plane, see `PlanarPreview`."""
+
+    drift: PredictedMotion
+    preview: PlanarPreview
+
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+        """See `Forecast.at`."""
+        x, y, vx, vy, *_ = self.drift
+        (ax, ay), preview = action, self.preview
+        shift, push = preview.position_gain, preview.velocity_gain
+        motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
+        return motion, preview.columns

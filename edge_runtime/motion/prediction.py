@@ -1,0 +1,73 @@
+"""What a motion model predicts of one robot, and how that depends on the action which it holds."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from edge_runtime.messages import RobotState
+
+
+class PredictedMotion(NamedTuple):
+    """Predicted motion of one robot, in m, m/s, rad and rad/s; what its model does not have is zero."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    z: float = 0.0
+    vz: float = 0.0
+    heading: float = 0.0
+    """Counter-clockwise from x, not wrapped."""
+    yaw_rate: float = 0.0
+
+    def position_m(self, dims: int) -> tuple[float, ...]:
+        """The position in the plane, ``dims`` 2, or in space, 3."""
+        return (self.x, self.y) if dims == 2 else (self.x, self.y, self.z)
+
+    def velocity_m_s(self, dims: int) -> tuple[float, ...]:
+        """The velocity, of as many components."""
+        return (self.vx, self.vy) if dims == 2 else (self.vx, self.vy, self.vz)
+
+
+Columns = tuple[tuple[float, ...], ...]
+"""A Jacobian: for each of d action components, what it does to the components of a `PredictedMotion`, in
+their order; the last ones are left out where a model does not have them."""
+
+
+class Forecast(Protocol):
+    """One robot's motion at a time, as a function of the action that it holds until then."""
+
+    @property
+    def drift(self) -> PredictedMotion:
+        """The motion under a zero action."""
+        ...
+
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+        """The motion under an action (d,), and its Jacobian there."""
+        ...
+
+
+class Preview(Protocol):
+    """A model's look so many steps ahead, made ready once."""
+
+    @property
+    def dims(self) -> int:
+        """2 in the plane, 3 in space."""
+        ...
+
+    @property
+    def position_gain(self) -> float:
+        """Farthest that a unit action moves the predicted position, in m: costs are stated by it."""
+        ...
+
+    @property
+    def velocity_gain(self) -> float:
+        """Most that a unit action changes the predicted velocity by, in m/s."""
+        ...
+
+    def forecast(self, state: RobotState) -> Forecast:
+        """The robot's motion from a state."""
+        ...
+
+    def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
+        """The robot's motion from a state under an action; ``forecast(state).at(action)[0]``."""
+        ...
