@@ -1,14 +1,13 @@
 """One training run in its directory: start or resume, train, validate, checkpoint."""
 
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 
+from edge_runtime.common.commit import commit
 from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
 from export.common.distributed import Workers
@@ -117,7 +116,7 @@ class TrainingRun:
             algorithm=self._request.algorithm,
             seed=self._request.seed,
             frames=self.trainer.frames,
-            commit=_git_commit(),
+            commit=commit(),
             score=self.best_score,
             euler_steps=self.trainer.algorithm.euler_steps,
             start=self.trainer.algorithm.actor.start,
@@ -158,11 +157,3 @@ class TrainingRun:
         self.trainer.load_worker_state_dict(saved["workers"][self._workers.rank])
         self.rows = [MetricsRow(**row) for row in saved["rows"]]
         self.best_score = saved["best_score"]
-
-
-def _git_commit() -> str:
-    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
-    try:
-        return subprocess.check_output(command, text=True, stderr=subprocess.DEVNULL).strip()  # noqa: S603
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"

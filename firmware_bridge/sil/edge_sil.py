@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from edge_runtime.common.bounds import RATE_HZ
 from edge_runtime.common.command_line import (
     CommandParser,
@@ -24,6 +26,7 @@ from edge_runtime.run.console import use_colour
 from firmware_bridge.sil.harness.harness import Harness
 from firmware_bridge.sil.harness.lookout import StartError
 from firmware_bridge.sil.harness.robots import check_robot
+from firmware_bridge.sil.judge.evidence import gather
 from firmware_bridge.sil.judge.judge import judge
 from firmware_bridge.sil.judge.table import table
 from firmware_bridge.sil.measurement.processes import ProcessGroup
@@ -123,8 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scenario = prepare(request, Path(folder))
         for station in scenario.stations:
             check_robot(scenario, station)
+        evidence = gather(scenario, sys.argv[1:] if arguments is None else arguments)
         with begun():
-            report = simulate(scenario, signals)
+            report = msgspec.structs.replace(simulate(scenario, signals), evidence=evidence)
             if json is not None:
                 write_report("--json", json, report)
     print(table(report, colour=use_colour(sys.stdout)))

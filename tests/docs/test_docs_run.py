@@ -35,6 +35,7 @@ PARSED_ONLY = {
 """Which command lines are not run, by a pattern of module and arguments, and why."""
 EXPECTED = {
     r"ctl |watch\.edge_watch .*--once": (1, "robot"),  # no robot answers, and each is named
+    r"doctor --whole-fleet ": (0, "answer of 0"),  # nobody runs, which is a warning
     r"doctor ": (1, "the only robot of its fleet"),  # no bus is there, and the rest is checked
 }
 """Exit code and a word of the output of those that do not end with 0."""

@@ -2,12 +2,24 @@
 
 from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.report.records import (
+    Evidence,
     MachineQuality,
     Quality,
     RobotQuality,
     SilReport,
 )
 
+EVIDENCE = Evidence(
+    started_at="2026-03-14T09:26:53Z",
+    command=("edge-sil", "--faults", "my faults.toml"),
+    version="0.1.0",
+    commit="f" * 40,
+    python="3.11.2",
+    numpy="2.4.0",
+    machine="bench, two cores",
+    sha256={"policy": "a" * 64, "limits": "b" * 64},
+    limits={"run.collisions": 0, "machine.wake_p99_ms": 5.0},
+)
 AGES = Percentiles(5.0, 15.0, 18.0, 19.0)
 
 
@@ -79,6 +91,7 @@ def report(*robots, **changes):
         "broken": (),
         "disturbed": (),
         "verdict": "passed",
+        "evidence": EVIDENCE,
         **changes,
     }
     return SilReport(**fields)

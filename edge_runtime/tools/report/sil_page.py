@@ -1,5 +1,6 @@
 """The page of edge-sil's report, in the form of edge-report's."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
-from firmware_bridge.sil.report.records import Quality, RobotQuality, SilReport, describe_stop
+from firmware_bridge.sil.report.records import Evidence, Quality, RobotQuality, SilReport, describe_stop
 
 LARGEST_REPORT: Final = 1 << 24
 """Bytes."""
@@ -37,7 +38,7 @@ def make_page(report: SilReport) -> Page:
     """Compose a run's page."""
     subtitle = (
         f"{report.robots_count} robots on {report.bridge}, {report.rate_hz:g} Hz, {report.duration_s:.1f} s, "
-        f"policy {report.policy}"
+        f"policy {report.policy}{f', {report.evidence.started_at}' if report.evidence else ''}"
     )
     sections = (
         Section("What was broken", _broken(report)),
@@ -46,6 +47,7 @@ def make_page(report: SilReport) -> Page:
         Section("Faults", _faults(report)),
         Section("Stopped ticks and refused messages", _counts(report.robots)),
         Section("Processes and machine", [_processes(report), _machine(report)]),
+        Section("Evidence", _evidence(report.evidence)),
     )
     return Page("In-the-loop run", subtitle, _verdicts(report), [each for each in sections if each.items])
 
@@ -178,3 +180,18 @@ def _machine(report: SilReport) -> Facts:
             ("taken by others", f"{machine.others_cpu_cores:.2f} cores"),
         ]
     )
+
+
+def _evidence(evidence: Evidence | None) -> list[Item]:
+    if evidence is None:
+        return []
+    facts = [
+        ("started", evidence.started_at),
+        ("command", shlex.join(evidence.command)),
+        ("software", f"cfpg-edge {evidence.version}, commit {evidence.commit}"),
+        ("versions", f"Python {evidence.python}, numpy {evidence.numpy}"),
+        ("machine", evidence.machine),
+        *((f"{name}, SHA-256", digest) for name, digest in evidence.sha256.items()),
+    ]
+    judged = [(key, f"{value:g}") for key, value in evidence.limits.items()]
+    return [Facts(facts), Table(("limit", "value"), judged, "What the run was judged by.")]

@@ -135,6 +135,26 @@ class FaultDone(msgspec.Struct, frozen=True, kw_only=True):
     """Of the robots that it was to stop."""
 
 
+class Evidence(msgspec.Struct, frozen=True, kw_only=True):
+    """When, by what and of what a run was made: whoever signs off can tell it from others, and repeat it."""
+
+    started_at: str
+    """UTC, by the machine's clock."""
+    command: tuple[str, ...]
+    """The command line."""
+    version: str
+    """Of this software."""
+    commit: str
+    """It was made of; see `edge_runtime.common.commit`."""
+    python: str
+    numpy: str
+    machine: str
+    sha256: dict[str, str]
+    """Of the policy's manifest, which holds the digests of its other files, and of the files named."""
+    limits: dict[str, float]
+    """What was judged, by its key in the limits file."""
+
+
 class SilReport(msgspec.Struct, frozen=True, kw_only=True):
     """A finished run."""
 
@@ -156,3 +176,5 @@ class SilReport(msgspec.Struct, frozen=True, kw_only=True):
     disturbed: tuple[str, ...]
     """Why the machine was not quiet enough for the run to prove anything."""
     verdict: RunVerdict
+    evidence: Evidence | None = None
+    """None where a benchmark made the run for itself."""

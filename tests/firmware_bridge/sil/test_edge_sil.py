@@ -1,5 +1,6 @@
 """edge-sil: whole teams of real processes, short; what is judged here does not depend on how busy CI is."""
 
+import hashlib
 import json
 import os
 import signal
@@ -12,7 +13,9 @@ from quiet import on_a_quiet_machine
 from waiting import HANG_S, until
 
 import edge_runtime
+from edge_runtime import __version__
 from edge_runtime.common.signals import StopSignals
+from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.sil import edge_sil as command
 from firmware_bridge.sil.harness import harness, launch
 from firmware_bridge.sil.harness.robots import check_robot
@@ -167,6 +170,12 @@ def test_a_team_drives_and_is_measured(folder):
     assert {"world", "probe", "robot_0", "robot_1/guard", "harness"} <= {
         process["name"] for process in report["processes"]
     }
+    evidence = report["evidence"]
+    assert evidence["command"][:3] == ["edge-sil", "--rate", "10"]
+    assert evidence["version"] == __version__
+    assert evidence["sha256"]["policy"] == packaged_bundle("navigation").sha256
+    assert evidence["sha256"]["limits"] == hashlib.sha256(LENIENT.encode()).hexdigest()
+    assert f"made: {evidence['started_at']}, cfpg-edge {__version__}, commit" in done.stdout
 
 
 @pytest.mark.integration

@@ -1,6 +1,7 @@
 """edge-report on logs of real runs: what they say is on the page, what is wrong with them is said."""
 
 import dataclasses
+import html
 import json
 import math
 import re
@@ -9,6 +10,7 @@ import foreign_logs
 import msgspec
 import numpy as np
 import pytest
+import sil_reports
 from report_files import record
 
 from edge_runtime.errors import ConfigError
@@ -21,6 +23,7 @@ from edge_runtime.tools.report.digest import STAGES, digest
 from edge_runtime.tools.report.edge_report import main
 from edge_runtime.tools.report.sections import _verdicts
 from edge_runtime.tools.report.team import fences, limits, separation, team_of
+from firmware_bridge.sil.report.records import FaultDone, FaultStop
 
 pytest.importorskip("matplotlib")
 
@@ -105,6 +108,26 @@ def test_what_does_not_hold_together_is_one_line(log, tmp_path, capsys):
     assert "cannot be written" in refused(capsys, log, "-o", tmp_path / "no" / "page.html")
     assert "would overwrite a file that is read" in refused(capsys, log, "-o", log)
     assert "see edge-report --help" in refused(capsys, log)
+
+
+def test_the_page_of_a_run_in_the_loop_is_evidence(tmp_path):
+    """It says when, by what, of what and against what the run was made, and how far each fault let it go."""
+    kill = FaultDone(
+        kind="kill", at_s=1.0, for_s=None, details="{}", done_s=1.0, stops=(FaultStop(1, 0.52, 0.17),)
+    )
+    report = sil_reports.report(*map(sil_reports.robot, range(2)), faults=(kill,))
+    (tmp_path / "sil.json").write_bytes(msgspec.json.encode(report))
+    assert main([str(tmp_path / "sil.json"), "-o", str(tmp_path / "page.html")]) == 0
+    page = html.unescape((tmp_path / "page.html").read_text())
+    for said in (
+        "2026-03-14T09:26:53Z",
+        "edge-sil --faults 'my faults.toml'",
+        "commit " + "f" * 40,
+        "a" * 64,
+        "machine.wake_p99_ms",
+        "robot 1 at rest after 0.52 s and 0.17 m",
+    ):
+        assert said in page
 
 
 def test_two_runs_of_one_robot_are_no_team(log, tmp_path, capsys):
