@@ -1,13 +1,14 @@
 """``edge-run --bridge can``: its flags, and the Bridge behind the guard."""
 
 import argparse
+from pathlib import Path
 
 import msgspec
 
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Manifest
-from firmware_bridge.can.bus import bus_arguments
+from firmware_bridge.can.bus import SIMULATED, SIMULATED_KIND, bus_arguments
 from firmware_bridge.can.codec import CanCodec
 from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.link import CanOptions
@@ -33,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this bridge, the guard's included; ``options_from`` reads them back."""
     group = parser.add_argument_group("CAN bridge")
     group.add_argument(
-        "--bus", required=True, help="can0, interface:channel?key=value for python-can, or a serial port"
+        "--bus",
+        required=True,
+        help="can0, interface:channel?key=value for python-can, a serial port, or sim: nothing plugged in",
     )
     group.add_argument("--profile", required=True, help="name of a shipped profile, or a .toml file")
     group.add_argument("--max-speed", type=float, metavar="M_S", help="limit below the profile's")
@@ -83,6 +86,8 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
     CanCodec(profile, path)
     if profile.transport == "can":
         bus_arguments(options.bus)
+    if options.bus == SIMULATED and (Path(profile.dbc).name, profile.base.kind) != SIMULATED_KIND:
+        raise ConfigError(f"--bus {SIMULATED}: its chassis is one of --profile agilex_v2 or a copy of it")
     _check_rate(profile, rate_hz)
     return GuardSpec(
         link="can",

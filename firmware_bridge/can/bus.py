@@ -19,16 +19,22 @@ from firmware_bridge.can.frame import Frame
 
 BUS_OFF = 0x40
 """Error class of an error frame, Linux's CAN_ERR_BUSOFF; python-can's bus state does not change with it."""
+SIMULATED = "sim"
+"""The address of a bus with a simulated chassis on it, and nothing plugged in."""
+SIMULATED_KIND = ("agilex_v2.dbc", "differential")
+"""DBC and base of the profiles that such a chassis is for."""
 FRAMES_A_PASS = 64
 """Frames read before commands get their turn."""
 
 
 def bus_arguments(address: str) -> dict[str, str | int | float | bool]:
-    """Read ``can0`` or ``interface:channel?key=value&...`` into python-can's arguments.
+    """Read ``can0``, ``sim`` or ``interface:channel?key=value&...`` into python-can's arguments.
 
     Raises:
         ConfigError: if the address has another form, or gives what the interface does not know.
     """
+    if address == SIMULATED:
+        return {"interface": "cfpg_sim", "channel": SIMULATED}
     place, _, query = address.partition("?")
     interface, colon, channel = place.partition(":")
     if not colon:

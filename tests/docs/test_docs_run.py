@@ -27,7 +27,7 @@ DURATION_S = "0.4"
 PARSED_ONLY = {
     r"export\.edge_train ": "trains for minutes; tests/export/training/test_run.py trains less",
     r"sil\.edge_sil ": "starts a team for half a minute; its tests drive shorter ones",
-    r"run .*--bridge can|--bridge mavlink": "needs firmware on a bus; edge-sil's tests have both",
+    r"run .*--bus (?!sim )|--bridge mavlink": "needs firmware on a bus; edge-sil's tests have both",
     r"pose\.edge_pose ": "sends what robots or a motion-capture host wait for; its tests play both",
     r"watch\.edge_watch (?!.*--once)": "goes on until somebody ends it; its tests do",
     r"benchmarks\.\w+\.(recording|latency)_command ": "measures for minutes; their tests measure less",
@@ -36,10 +36,14 @@ PARSED_ONLY = {
 EXPECTED = {
     r"ctl |watch\.edge_watch .*--once": (1, "robot"),  # no robot answers, and each is named
     r"doctor --whole-fleet ": (0, "answer of 0"),  # nobody runs, which is a warning
+    r"doctor .*--bus sim": (0, "--arm enables it"),
     r"doctor ": (1, "the only robot of its fleet"),  # no bus is there, and the rest is checked
 }
-"""Exit code and a word of the output of those that do not end with 0."""
-SHORTER = {r"run\.edge_run ": ["--duration", DURATION_S]}
+"""Exit code and a word of the output of those that do not end with 0, or where the word matters."""
+SHORTER = {
+    r"run\.edge_run .*--bus sim": ["--duration", DURATION_S, "--guard-deadline", "1"],
+    r"run\.edge_run ": ["--duration", DURATION_S],
+}
 
 
 def first(patterns, line):
