@@ -9,6 +9,10 @@ class ConfigError(EdgeError):
     """A flag, TOML file or key is missing, of the wrong type, out of range or contradictory."""
 
 
+class AddressTakenError(ConfigError):
+    """Another process holds the network address."""
+
+
 class BundleError(EdgeError):
     """A policy bundle is missing, damaged, or does not fit the robot that loads it."""
 

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from edge_runtime.common.closing import Closing
 from edge_runtime.config.network import Endpoint
-from edge_runtime.errors import ConfigError
+from edge_runtime.errors import AddressTakenError, ConfigError
 from edge_runtime.network.arrival_time import ANCILLARY_BYTES, ArrivalClock
 
 DRAIN: Final = 256
@@ -91,17 +91,16 @@ def listen(place: Endpoint, longest: int, question: str) -> Datagrams:
     """Open a socket that others send to.
 
     Raises:
-        ConfigError: if this machine does not have the address, or another process holds the port; ends in
-            ``question``.
+        ConfigError: if this machine does not have the address; ends in ``question``.
+        AddressTakenError: if another process holds the port.
     """
     opened = _socket(place[0])
     try:
         opened.bind(place)
     except OSError as error:
         opened.close()
-        raise ConfigError(
-            f"cannot listen on {place[0]} port {place[1]} ({error.strerror}); {question}"
-        ) from error
+        kind = AddressTakenError if error.errno == errno.EADDRINUSE else ConfigError
+        raise kind(f"cannot listen on {place[0]} port {place[1]} ({error.strerror}); {question}") from error
     return Datagrams(opened, longest)
 
 

@@ -24,6 +24,8 @@ class Magic(bytes, enum.Enum):
     """See `edge_runtime.network.stream_wire`."""
     STATUS = b"CFW\x01"
     """See `edge_runtime.telemetry.status`."""
+    LISTEN = b"CFL\x01"
+    """See `edge_runtime.tools.watch.feed`."""
 
 
 MAGIC_BYTES: Final = 4

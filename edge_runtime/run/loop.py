@@ -131,15 +131,17 @@ def run(
 
     freeze_garbage()
     failure = ""
-    try:
-        with contextlib.closing(session.watch), LiveLine(sys.stdout, mission.robot_id, monitor, grid):
-            with signals.insist(duration_s):
-                reason = drive(session, bridge, fleet, over)
-            bridge.stop(reason)
+    with contextlib.closing(session.watch) as watch:
+        try:
+            with LiveLine(sys.stdout, mission.robot_id, monitor, grid):
+                with signals.insist(duration_s):
+                    reason = drive(session, bridge, fleet, over)
+                bridge.stop(reason)
             if reason == DURATION and not monitor.saw_itself:
                 raise BridgeError("the robot's own state was never known: ask edge-doctor")
-    except (EdgeError, Overdue) as error:
-        reason = failure = str(error)
+        except (EdgeError, Overdue) as error:
+            reason = failure = str(error)
+        watch.end(reason)
     driven = replace(mission, objective_set=controller.guide.asked)
     return make_report(
         driven,

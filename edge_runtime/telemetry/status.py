@@ -66,6 +66,8 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     """Ages of the teammates' states that the newest action rests on, by their ids."""
     stop_reason: str
     """Why the newest command is zero; empty in normal operation."""
+    ended: str = ""
+    """Why the run is over, in a robot's last words; empty while it runs."""
     unfamiliar: str = ""
     """The field of the newest observation that is furthest outside of what training had; empty if none is."""
     unfamiliar_ticks: int = 0

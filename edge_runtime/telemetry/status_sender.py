@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from msgspec.structs import replace
+
 from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import Endpoint, endpoint
 from edge_runtime.control.mission import Mission
@@ -20,6 +22,8 @@ from edge_runtime.network.datagrams import speak
 from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status, encode
 
 RATE_HZ: Final = 5.0
+FAREWELLS: Final = 3
+"""How often a robot says that its run is over: packets are lost."""
 WINDOW_S: Final = 2.0
 """Durations are those of so much time before a status."""
 LONGEST_TEXT: Final = 200
@@ -36,6 +40,10 @@ class Watch(Protocol):
         """Take note of one tick, after its command is out. Never blocks."""
         ...
 
+    def end(self, reason: str) -> None:
+        """Say that the run is over, and why."""
+        ...
+
     def close(self) -> None:
         """Give the network back."""
         ...
@@ -48,6 +56,9 @@ class Unwatched:
         """Tell nobody."""
 
     def tell(self, team: TeamState, guided: GuidedAction, command: Command) -> None:
+        """Tell nobody."""
+
+    def end(self, reason: str) -> None:
         """Tell nobody."""
 
     def close(self) -> None:
@@ -81,6 +92,7 @@ class StatusSender:
         self._address, self._key, self._clock = address, key, clock
         self._window_ticks = max(1, round(WINDOW_S * mission.rate_hz))
         self._started_s, self._sequence, self._due_s = time.time(), 0, clock()
+        self._newest: Status | None = None
         self.adopt(mission.guide())
         self._datagrams = speak(address[0], LONGEST)
         self.failures = self._datagrams.failures
@@ -98,8 +110,21 @@ class StatusSender:
         if now < self._due_s:
             return
         self._due_s = max(self._due_s + 1.0 / RATE_HZ, now)
+        self._newest = self._status(team, guided, command)
+        self._send(self._newest)
+
+    def end(self, reason: str) -> None:
+        """Say a few times that the run is over; nothing where it never came to a first status."""
+        if self._newest is None:
+            return
+        last = replace(self._newest, sent_s=time.time(), ended=reason[:LONGEST_TEXT])
+        for _ in range(FAREWELLS):
+            self._send(last)
+
+    def _send(self, status: Status) -> None:
         self._sequence += 1
-        self._datagrams.send(encode(self._status(team, guided, command), self._key), self._address)
+        packet = encode(replace(status, sequence=self._sequence), self._key)
+        self._datagrams.send(packet, self._address)
 
     def close(self) -> None:
         """Close the socket."""

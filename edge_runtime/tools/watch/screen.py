@@ -12,7 +12,7 @@ from typing import Final
 from rich.console import Console
 from rich.live import Live
 
-from edge_runtime.network.datagrams import Datagrams
+from edge_runtime.tools.watch.feed import Feed
 from edge_runtime.tools.watch.team import WatchedTeam
 from edge_runtime.tools.watch.view import TeamView
 
@@ -20,14 +20,14 @@ REFRESH_S: Final = 0.2
 QUIT: Final = b"qQ\x03\x04"
 
 
-def watch_on_screen(team: WatchedTeam, opened: Datagrams, title: str, ended: Callable[[], bool]) -> None:
+def watch_on_screen(team: WatchedTeam, feed: Feed, title: str, ended: Callable[[], bool]) -> None:
     """Show the team until q is typed or ``ended`` says so."""
     console = Console()
     view = TeamView(team, title, keys="q ends")
     keyboard = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else None
     with _single_keys(keyboard), Live(view, console=console, screen=True, auto_refresh=False) as live:
         while not ended() and not _quit(keyboard):
-            team.receive(opened)
+            team.receive(feed)
             live.refresh()
 
 

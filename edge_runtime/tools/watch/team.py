@@ -8,9 +8,9 @@ from typing import Final
 import msgspec
 
 from edge_runtime.common.printable import printed
-from edge_runtime.network.datagrams import Datagrams
 from edge_runtime.network.seal import FrameError
 from edge_runtime.telemetry.status import Status, decode
+from edge_runtime.tools.watch.feed import Feed
 
 SILENT_S: Final = 1.0
 """A robot is silent when its newest status is older: five in a row were lost, or it is gone."""
@@ -52,10 +52,10 @@ class WatchedTeam:
         """Packets that were not taken in, by cause."""
         self._key, self._clock, self._wall_clock = key, clock, wall_clock
 
-    def receive(self, datagrams: Datagrams) -> None:
+    def receive(self, feed: Feed) -> None:
         """Take in what has arrived."""
-        for datagram in datagrams.receive():
-            self.hear(datagram.content)
+        for packet in feed.receive():
+            self.hear(packet)
 
     def hear(self, packet: bytes) -> None:
         """Take in one packet, or count why not."""

@@ -22,6 +22,8 @@ def state(team: WatchedTeam, robot_id: int) -> Cell:
     heard = team.heard[robot_id]
     if heard is None:
         return Cell("not heard yet", False)
+    if heard.status.ended:
+        return Cell(f"ended: {heard.status.ended}")
     if team.silent(robot_id):
         return Cell(f"silent for {team.age_s(heard):.0f} s", False)
     if abs(heard.clock_ahead_s) > CLOCK_TOLERANCE_S:

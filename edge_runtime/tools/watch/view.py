@@ -82,7 +82,7 @@ def _stop_reasons(team: WatchedTeam) -> list[Text]:
     """One line for each reason, with all whom it stops."""
     stopped: dict[str, list[str]] = {}
     for robot_id, heard in team.heard.items():
-        if heard and heard.status.stop_reason and not team.silent(robot_id):
+        if heard and heard.status.stop_reason and not (heard.status.ended or team.silent(robot_id)):
             stopped.setdefault(heard.status.stop_reason, []).append(str(robot_id))
     return [Text(f"stopped {', '.join(robots)}: {reason}", "red") for reason, robots in stopped.items()]
 

@@ -15,7 +15,7 @@ import pytest
 from bundles import MANIFEST
 from msgspec.structs import replace
 from ports import free_port
-from waiting import HANG_S
+from waiting import HANG_S, until
 from watch_fakes import KEY, status
 
 from edge_runtime.config.fleet import load_fleet
@@ -24,10 +24,13 @@ from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+from edge_runtime.network.datagrams import call
+from edge_runtime.network.seal import Magic, seal
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.telemetry.status import decode, encode
-from edge_runtime.telemetry.status_sender import RATE_HZ, StatusSender, Unwatched, open_watch
+from edge_runtime.telemetry.status import LONGEST, decode, encode
+from edge_runtime.telemetry.status_sender import FAREWELLS, RATE_HZ, StatusSender, Unwatched, open_watch
 from edge_runtime.tools.watch.edge_watch import main
+from edge_runtime.tools.watch.feed import ASK_S, FORGET_S, Feed
 
 OWN = RobotState(0, 0.0, (0.0, 0.0), (0.3, 0.0))
 TEAM = TeamState(OWN, (Teammate(RobotState(1, 0.0, (3.0, 4.0), (0.0, 0.0)), age_s=0.01),))
@@ -117,6 +120,19 @@ def test_what_the_network_does_not_take_is_counted(sender):
     assert sum(robot.failures.values()) == 1
 
 
+def test_the_last_words_say_why_the_run_ended(sender):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        robot = sender(receiver.getsockname(), lambda: 0.0)
+        robot.end("nothing was told yet")
+        robot.tell(TEAM, GUIDED, COMMAND)
+        robot.end("goals held")
+        heard = [decode(receiver.recv(8192), KEY) for _ in range(1 + FAREWELLS)]
+    assert [each.ended for each in heard] == ["", *["goals held"] * FAREWELLS]
+    assert [each.sequence for each in heard] == [1, 2, 3, 4]
+
+
 def test_objectives_that_are_exchanged_are_told(sender, fleet, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
@@ -190,6 +206,64 @@ def test_a_pipe_gets_plain_lines_and_a_signal_ends_them(fleet):
         process.send_signal(signal.SIGTERM)
         assert (process.wait(timeout=HANG_S), process.stderr.read()) == (0, "")
     assert "\x1b" not in shown
+
+
+def test_a_script_asks_beside_somebodys_screen(fleet):
+    """The first one passes on what it hears, and sees no less for it."""
+    with Talking(fleet) as team, watch(fleet) as first:
+        shown = ""
+        while "robot 1  driving" not in shown:
+            team.say(0, 1)
+            shown += arrived(first.stdout.fileno()).decode()
+        with watch(fleet, "--once") as second:
+            while second.poll() is None:
+                team.say(0, 1)
+                time.sleep(0.02)
+                arrived(first.stdout.fileno())
+            assert second.returncode == 0
+            assert "passes on what it hears" in second.stderr.read()
+            assert second.stdout.read().count("driving") == 2
+        team.say(0, 1)
+        first.send_signal(signal.SIGTERM)
+        assert first.wait(timeout=HANG_S) == 0
+
+
+class Clock:
+    now_s = 0.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def test_who_holds_the_address_passes_on_to_this_machine_alone_and_is_followed():
+    place, clock = free_port(), Clock()
+    packet = encode(status(0), KEY)
+    with Feed(place, KEY, clock) as first, Feed(place, KEY, clock) as second, call(place, 99) as robot:
+        assert (first.first_hand, second.first_hand) == (True, False)
+        robot.send(seal(Magic.LISTEN, b"", bytes(32)), place)  # not made with the key: it gets nothing
+        robot.send(packet, place)
+        assert until(lambda: list(first.receive())) == [packet]
+        assert until(lambda: list(second.receive())) == [packet]
+        assert not list(robot.receive())
+        first.close()
+        clock.now_s += ASK_S
+        list(second.receive())
+        assert second.first_hand
+        robot.send(packet, place)
+        assert until(lambda: list(second.receive())) == [packet]
+
+
+def test_who_asks_no_more_is_forgotten():
+    place, clock = free_port(), Clock()
+    with Feed(place, KEY, clock) as first, call(place, LONGEST) as listener, call(place, 99) as robot:
+        packet = encode(status(0), KEY)
+        for asks, passed in ((True, True), (False, False)):
+            if asks:
+                listener.send(seal(Magic.LISTEN, b"", KEY), place)
+            robot.send(packet, place)
+            assert until(lambda: list(first.receive())) == [packet]
+            assert bool(list(listener.receive())) == passed
+            clock.now_s += FORGET_S
 
 
 def arrived(descriptor):

@@ -187,3 +187,14 @@ def test_no_robot_writes_to_the_terminal():
 def test_no_color_means_none(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
     assert not re.search(r"\x1b\[[0-9;]*3\dm", rendered(watched(status(0)), 80))
+
+
+def test_a_run_that_ended_is_not_called_silent():
+    """Also long after its last words; who starts anew drives again."""
+    clocks = Clocks()
+    team = watched(status(0, 1, ended="goals held"), robots=1, clocks=clocks)
+    clocks.now_s = 60.0
+    assert text.state(team, 0) == ("ended: goals held", None)
+    assert not team.all_heard
+    team.hear(encode(status(0, 1, started_s=1060.0, sent_s=1061.0), KEY))
+    assert text.state(team, 0) == ("driving", True)
