@@ -49,6 +49,17 @@ class TrackedObject(msgspec.Struct, frozen=True, gc=False):
     heading_rad: float = 0.0
     yaw_rate_rad_s: float = 0.0
     age_s: float = 0.0
+    goal_m: Place | None = None
+    """Where it is to go, as the fleet file says; None where it says nothing."""
+
+
+class Reading(msgspec.Struct, frozen=True, gc=False):
+    """What a sensor of the robot's, told by its name, read in this tick."""
+
+    sensor: str
+    """Its name."""
+    values: Vector
+    """As many as it has."""
 
 
 class TeamState(msgspec.Struct, frozen=True):
@@ -64,6 +75,8 @@ class TeamState(msgspec.Struct, frozen=True):
     """Masked ones, at rest where they were last known to be: obstacles until they are heard again."""
     tracked: tuple[TrackedObject, ...] = ()
     """The fleet file's tracked objects, in its order."""
+    readings: tuple[Reading, ...] = ()
+    """Of sensors other than the range sensor."""
 
 
 class GuidedAction(msgspec.Struct, frozen=True, gc=False):

@@ -9,6 +9,7 @@ from edge_runtime.common.bounds import GREATEST, MOST_ROBOTS, RATE_HZ, check_bou
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
 from edge_runtime.config.network import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.config.objectives import make_objectives
+from edge_runtime.config.tracked import Tracked, check_tracked
 from edge_runtime.config.zenoh import check_zenoh
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -76,6 +77,8 @@ class Fleet(msgspec.Struct, frozen=True):
     """Who watches the team; nobody where None."""
     obstacles: tuple[Obstacle, ...] = ()
     """What stands and walks in the simulated world beside the robots."""
+    tracked: tuple[Tracked, ...] = ()
+    """What is no robot, yet has a pose."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -99,10 +102,11 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     carrier: CarrierSettings | None = None
     watch: WatchSettings | None = None
     obstacle: tuple[Obstacle, ...] = ()
+    tracked: tuple[Tracked, ...] = ()
 
 
 def load_fleet(path: Path) -> Fleet:
-    """Read a fleet file: team, robots, objectives, guidance, carrier, watch and obstacles.
+    """Read a fleet file: team, robots, objectives, guidance, carrier, watch, obstacles and tracked objects.
 
     Raises:
         ConfigError: names the file, the key and what is allowed.
@@ -122,7 +126,15 @@ def load_fleet(path: Path) -> Fleet:
         refuse(path, "obstacle", f"at most {MOST_ROBOTS} are allowed, got {len(tables.obstacle)}")
     if tables.obstacle and tables.carrier is not None:
         refuse(path, "obstacle", "means nothing with [carrier]: only a team simulated in one process has any")
+    check_tracked(path, tables.carrier, tables.tracked)
     objective_set = ObjectiveSet(make_objectives(tables.objectives, path), tables.guidance)
     return Fleet(
-        path, tables.team, tables.robots, objective_set, tables.carrier, tables.watch, tables.obstacle
+        path,
+        tables.team,
+        tables.robots,
+        objective_set,
+        tables.carrier,
+        tables.watch,
+        tables.obstacle,
+        tables.tracked,
     )

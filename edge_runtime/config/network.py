@@ -44,6 +44,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Who tells its pose: its bridge, or the address of a stream, such as edge-pose's ``10.0.0.5:47100``."""
     ranges: str = "teammates"
     """Where its ranges come from: computed from the teammates' poses, or the address of a stream."""
+    sensors: dict[str, str] = {}
+    """Where readings of further sensors come from: the address of a stream, by the sensor's name."""
     rigid_body: int | None = None
     """Its streaming id in the motion-capture system; the robot's where None."""
     zenoh: str | None = None
@@ -55,7 +57,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for address in (self.address, self.zenoh):
             if address is not None:
                 endpoint(address)
-        for field in ("pose_place", "ranges_place"):
+        for field in ("pose_place", "ranges_place", "sensor_places"):
             getattr(self, field)
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
         positive = (1.0 / GREATEST, GREATEST)
@@ -68,12 +70,17 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def pose_place(self) -> Endpoint | None:
         """Where its pose stream comes from; None if the bridge tells the pose."""
-        return None if self.pose == "bridge" else _source(self.pose, "pose", "bridge")
+        return None if self.pose == "bridge" else stream_place(self.pose, "pose", "bridge")
 
     @property
     def ranges_place(self) -> Endpoint | None:
         """Where its range stream comes from; None if ranges are computed."""
-        return None if self.ranges == "teammates" else _source(self.ranges, "ranges", "teammates")
+        return None if self.ranges == "teammates" else stream_place(self.ranges, "ranges", "teammates")
+
+    @property
+    def sensor_places(self) -> dict[str, Endpoint]:
+        """Where the readings of each further sensor come from."""
+        return {name: stream_place(address, "sensors") for name, address in self.sensors.items()}
 
 
 class TlsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,12 +133,18 @@ class WatchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         endpoint(self.address)
 
 
-def _source(address: str, field: str, word: str) -> Endpoint:
+def stream_place(address: str, field: str, word: str = "") -> Endpoint:
+    """Read the address of a stream, instead of which a field may say a word.
+
+    Raises:
+        ValueError: if it is none.
+    """
     try:
         return endpoint(address)
     except ValueError:
+        choice = f'"{word}" or ' if word else ""
         raise ValueError(
-            f'`{field}` must be "{word}" or a stream\'s address, such as 10.0.0.5:47100, got {address!r}'
+            f"`{field}` must be {choice}a stream's address, such as 10.0.0.5:47100, got {address!r}"
         ) from None
 
 
@@ -195,6 +208,7 @@ def _refuse_without_carrier(path: Path, index: int, robot: "Robot") -> None:
         "drag",
         "pose",
         "ranges",
+        "sensors",
         "rigid_body",
     ):
         if getattr(robot, key) != getattr(simulated, key):

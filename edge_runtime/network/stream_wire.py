@@ -1,7 +1,7 @@
 """The frames of a pose or range stream, and a robot's requests for them: authenticated like the team's.
 
-Little endian: kind, number of values, robot, boot id, sequence, challenge, answer, stamp, the values. What
-the session fields are for: `edge_runtime.network.session`.
+Little endian: kind, number of values, robot, tag, boot id, sequence, challenge, answer, stamp, the values.
+What the session fields are for: `edge_runtime.network.session`.
 """
 
 import enum
@@ -12,11 +12,11 @@ from typing import Final, NamedTuple
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, is_motion
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import TrackedObject, Vector2
 from edge_runtime.network.seal import FrameError, Magic, Refusal, seal, unseal
 
 MOST_VALUES: Final = 1024
-_HEAD: Final = struct.Struct("<BxHHxxQQQQd")
+_HEAD: Final = struct.Struct("<BxHHHQQQQd")
 
 
 class Kind(enum.IntEnum):
@@ -29,6 +29,24 @@ class Kind(enum.IntEnum):
     """Values as in `Pose`."""
     RANGES = 4
     """Distances in m, one a ray, in the order and along the directions of the policy's sensor."""
+    OBJECT_REQUEST = 5
+    """It wants the poses of the tracked object of the frame's tag."""
+    OBJECT = 6
+    """Position and velocity of two components, or of three; then heading and yaw rate."""
+    SENSOR_REQUEST = 7
+    """It wants the readings of its sensor of the frame's tag."""
+    SENSOR = 8
+
+
+COUNTS: Final[dict[int, tuple[int, ...]]] = {
+    Kind.POSE_REQUEST: (0,),
+    Kind.RANGES_REQUEST: (0,),
+    Kind.OBJECT_REQUEST: (0,),
+    Kind.SENSOR_REQUEST: (0,),
+    Kind.POSE: (5,),
+    Kind.OBJECT: (6, 8),
+}
+"""How many values frames of a kind have, where not any number will do."""
 
 
 class Pose(NamedTuple):
@@ -55,11 +73,20 @@ class StreamFrame(msgspec.Struct, frozen=True, gc=False):
     stamp_s: float
     """When it was measured, by the sender's monotonic clock."""
     values: tuple[float, ...] = ()
+    tag: int = 0
+    """Which object or sensor it is about: `edge_runtime.config.tracked.tag_of` its name; else 0."""
 
     def pose(self) -> Pose:
         """Return what a frame of kind POSE says."""
         x, y, v_x, v_y, heading = self.values
         return Pose((x, y), (v_x, v_y), heading)
+
+    def tracked(self, name: str, age_s: float, goal_m: Vector2 | None) -> TrackedObject:
+        """Return what a frame of kind OBJECT says of the object of that name."""
+        *motion, heading, yaw_rate = self.values
+        half = len(motion) // 2
+        place, velocity = tuple(motion[:half]), tuple(motion[half:])
+        return TrackedObject(name, self.stamp_s, place, velocity, heading, yaw_rate, age_s, goal_m)
 
 
 def encode_stream(frame: StreamFrame, key: bytes) -> bytes:
@@ -68,6 +95,7 @@ def encode_stream(frame: StreamFrame, key: bytes) -> bytes:
         frame.kind,
         len(frame.values),
         frame.robot_id,
+        frame.tag,
         frame.boot_id,
         frame.sequence,
         frame.challenge,
@@ -85,14 +113,16 @@ def decode_stream(packet: bytes, key: bytes) -> StreamFrame:
         FrameError: if it is malformed, not made with this key, or a number is not finite or absurd.
     """
     body = unseal(packet, Magic.STREAM, key, _HEAD.size + 8 * MOST_VALUES, _HEAD.size)
-    kind, count, robot_id, boot_id, sequence, challenge, answer, stamp_s = _HEAD.unpack_from(body)
-    expected = {Kind.POSE_REQUEST: 0, Kind.RANGES_REQUEST: 0, Kind.POSE: 5}.get(kind, count)
-    if kind not in set(Kind) or count != expected or len(body) != _HEAD.size + 8 * count:
+    kind, count, robot_id, tag, boot_id, sequence, challenge, answer, stamp_s = _HEAD.unpack_from(body)
+    fits = count in COUNTS.get(kind, (count,)) and len(body) == _HEAD.size + 8 * count
+    if kind not in set(Kind) or not fits:
         raise FrameError(Refusal.MALFORMED)
     values = struct.unpack_from(f"<{count}d", body, _HEAD.size)
     if not (math.isfinite(stamp_s) and all(map(math.isfinite, values))):
         raise FrameError(Refusal.NOT_FINITE)
     absurd = any(abs(value) > GREATEST for value in values)
-    if absurd or (kind == Kind.POSE and not is_motion(values[:2], values[2:4])):
+    dims = 3 if count == 8 else 2
+    moves = kind in (Kind.POSE, Kind.OBJECT)
+    if absurd or (moves and not is_motion(values[:dims], values[dims : 2 * dims])):
         raise FrameError(Refusal.MALFORMED)
-    return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values)
+    return StreamFrame(Kind(kind), robot_id, boot_id, sequence, challenge, answer, stamp_s, values, tag)

@@ -132,7 +132,9 @@ class NetworkTeam(Closing):
         self._traffic.masked.update(mate.state.robot_id for mate in silent)
         used.sort(key=lambda mate: mate.state.robot_id)
         fault = self.stop_reason or self._streams.fault(now) or self._fault(heard, near, unheard)
-        return TeamState(own, tuple(used), fault, self._streams.ranges_m(), silent)
+        streams = self._streams
+        tracked, readings = streams.tracked(now), streams.readings()
+        return TeamState(own, tuple(used), fault, streams.ranges_m(), silent, tracked, readings)
 
     def for_base(self, command: Command) -> Command:
         """Return the command as the bridge is to take it."""

@@ -13,7 +13,7 @@ from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoi
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.messages import Command, RobotState, Teammate, TeamState
+from edge_runtime.messages import Command, Reading, RobotState, Teammate, TeamState, TrackedObject
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.network.udp import Carrier, UdpCarrier
@@ -21,7 +21,7 @@ from edge_runtime.team.link import NetworkTeam, TeamRules
 from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.orders import Orders
 from edge_runtime.team.report import FleetReport
-from edge_runtime.team.streams import POSE_SOURCE, RANGES_SOURCE, Stream, Streams
+from edge_runtime.team.streams import FIRST_SOURCE, POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 
 STALE_PERIODS: Final = 3
 """A teammate older than this many control periods is masked."""
@@ -38,6 +38,14 @@ class FleetLink(Protocol):
 
     def ranges_m(self) -> tuple[float, ...] | None:
         """Return what the robot's range sensor read; None where there are only teammates to see."""
+        ...
+
+    def tracked(self) -> tuple[TrackedObject, ...]:
+        """Return the fleet's tracked objects as they are now."""
+        ...
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return what the robot's further sensors read."""
         ...
 
 
@@ -100,6 +108,14 @@ class Alone:
     def ranges_m(self) -> None:
         """Return nothing: a real sensor's readings come as a stream."""
 
+    def tracked(self) -> tuple[TrackedObject, ...]:
+        """Return nothing: a real object's pose comes as a stream."""
+        return ()
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return nothing, as for ranges."""
+        return ()
+
 
 class LocalTeam(Closing):
     """The team of a robot whose teammates live in this process, or that has none."""
@@ -122,7 +138,14 @@ class LocalTeam(Closing):
 
     def team(self, own: RobotState) -> TeamState:
         """Return the team as it is."""
-        return TeamState(own, self._source.teammates(), ranges_m=self._source.ranges_m())
+        source = self._source
+        return TeamState(
+            own,
+            source.teammates(),
+            ranges_m=source.ranges_m(),
+            tracked=source.tracked(),
+            readings=source.readings(),
+        )
 
     def share(self, own: RobotState, command: Command) -> None:
         """Tell nobody: whoever simulates the others knows already."""
@@ -150,11 +173,13 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     rules, robot = _rules(mission, settings, tuple(endpoints)), fleet.robot(mission.robot_id)
     others = tuple(endpoints)
     sources = {POSE_SOURCE: robot.pose_place, RANGES_SOURCE: robot.ranges_place}
+    further = (*(each.pose_place for each in fleet.tracked), *robot.sensor_places.values())
+    sources |= {FIRST_SOURCE - index: place for index, place in enumerate(further)}
     endpoints |= {source: place for source, place in sources.items() if place}
     carrier = _carrier(mission, settings, own, endpoints)
     orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
     service = OrderService(orders, operator_key(fleet), carrier, mission.rate_hz)
-    streams = _streams(robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
+    streams = _streams(fleet, robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, service, streams, time.monotonic)
 
 
@@ -163,6 +188,8 @@ def _check_alone(mission: Mission) -> None:
     fleet = mission.fleet
     if len(fleet.robots) > 1:
         refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
+    if fleet.tracked:
+        refuse(fleet.path, "carrier", "missing: it brings the poses of what [[tracked]] names")
     if fleet.obstacles:
         refuse(fleet.path, "obstacle", "means nothing on a real robot; take it away, or use --bridge sim")
     for objective in mission.objectives:
@@ -189,13 +216,21 @@ def _carrier(
     return carrier
 
 
-def _streams(robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:
+def _streams(fleet: Fleet, robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:
     pose = ranges = None
     if robot.pose_place:
         pose = Stream(POSE_SOURCE, robot.id, Kind.POSE_REQUEST, Kind.POSE, 5, key, carrier)
     if robot.ranges_place:
         ranges = Stream(RANGES_SOURCE, robot.id, Kind.RANGES_REQUEST, Kind.RANGES, rays, key, carrier)
-    return Streams(robot.id, pose, ranges, key)
+    objects, sensors = [], []
+    for index, each in enumerate(fleet.tracked):
+        kinds = (Kind.OBJECT_REQUEST, Kind.OBJECT)
+        stream = Stream(FIRST_SOURCE - index, robot.id, *kinds, None, key, carrier, each.name)
+        objects.append((stream, each.goal_m))
+    for index, name in enumerate(robot.sensors, len(fleet.tracked)):
+        kinds = (Kind.SENSOR_REQUEST, Kind.SENSOR)
+        sensors.append(Stream(FIRST_SOURCE - index, robot.id, *kinds, None, key, carrier, name))
+    return Streams(robot.id, pose, ranges, key, objects, sensors)
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:

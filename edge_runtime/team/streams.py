@@ -4,11 +4,13 @@ The robot asks each source for its stream a few times a second; the requests car
 recordings worthless, and a source speaks to robots that ask. A pose or ranges older than 100 ms are not used.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 from msgspec.structs import replace
 
-from edge_runtime.messages import Command, RobotState
+from edge_runtime.config.tracked import tag_of
+from edge_runtime.messages import Command, Reading, RobotState, TrackedObject, Vector2
 from edge_runtime.network.datagrams import Datagram
 from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.session import Session, random_nonce
@@ -18,7 +20,9 @@ from edge_runtime.team.frame_rotation import turned
 
 POSE_SOURCE: Final = -1
 RANGES_SOURCE: Final = -2
-"""In the place of a robot's id, for the carrier; no robot has them."""
+FIRST_SOURCE: Final = -3
+"""In the place of a robot's id, for the carrier; no robot has them. Tracked objects and further sensors count
+down from the last one."""
 STALE_S: Final = 0.1
 REQUEST_S: Final = 0.1
 """Time between two requests."""
@@ -32,9 +36,10 @@ class Stream:
         robot_id: of this robot.
         request: the kind of its requests.
         content: the kind of what it wants.
-        values: how many a frame must have.
+        values: how many a frame must have; any number that the kind allows where None.
         key: the team's.
         carrier: takes the requests.
+        name: of the object or sensor that it tells of; empty where the kind says all.
     """
 
     def __init__(
@@ -43,11 +48,13 @@ class Stream:
         robot_id: int,
         request: Kind,
         content: Kind,
-        values: int,
+        values: int | None,
         key: bytes,
         carrier: Carrier,
+        name: str = "",
     ) -> None:
-        self.content = content
+        self.content, self.tag = content, tag_of(name) if name else 0
+        self.name = name or content.name.lower()
         self._source, self._robot_id, self._request, self._values = source, robot_id, request, values
         self._key, self._carrier = key, carrier
         self._session: Session[StreamFrame] = Session()
@@ -67,12 +74,13 @@ class Stream:
             session.challenge,
             session.answer,
             now_s,
+            tag=self.tag,
         )
         self._carrier.send(self._source, encode_stream(request, self._key))
 
     def admit(self, frame: StreamFrame, arrival_s: float) -> None:
         """Take in an authentic frame for this robot; raises FrameError if it is of no use."""
-        if len(frame.values) != self._values:
+        if self._values not in (None, len(frame.values)):
             raise FrameError(Refusal.MALFORMED)
         self._session.admit(frame, arrival_s)
 
@@ -90,11 +98,23 @@ class Streams:
         pose: its pose stream; None where the bridge tells the pose.
         ranges: its range stream; None where ranges are computed from the teammates.
         key: the team's.
+        objects: the tracked objects' streams, each with where the object is to go, if anywhere.
+        sensors: the streams of further sensors.
     """
 
-    def __init__(self, robot_id: int, pose: Stream | None, ranges: Stream | None, key: bytes) -> None:
+    def __init__(
+        self,
+        robot_id: int,
+        pose: Stream | None,
+        ranges: Stream | None,
+        key: bytes,
+        objects: Sequence[tuple[Stream, Vector2 | None]] = (),
+        sensors: Sequence[Stream] = (),
+    ) -> None:
         self._robot_id, self._pose, self._ranges, self._key = robot_id, pose, ranges, key
-        self._all = {stream.content: stream for stream in (pose, ranges) if stream}
+        self._objects, self._sensors = objects, sensors
+        every = (pose, ranges, *(stream for stream, _ in objects), *sensors)
+        self._all = {(stream.content, stream.tag): stream for stream in every if stream}
         self._turn_rad = 0.0
 
     def ask(self, now_s: float) -> None:
@@ -105,7 +125,7 @@ class Streams:
     def handle(self, datagram: Datagram) -> None:
         """Take in a packet; raises FrameError if it is not a source's, or of no use."""
         frame = decode_stream(datagram.content, self._key)
-        stream = self._all.get(frame.kind)
+        stream = self._all.get((frame.kind, frame.tag))
         if stream is None or frame.robot_id != self._robot_id:
             raise FrameError(Refusal.MISDIRECTED)
         stream.admit(frame, datagram.arrival_s)
@@ -131,10 +151,22 @@ class Streams:
         newest = self._ranges.newest() if self._ranges else None
         return newest.values if newest else None
 
+    def tracked(self, now_s: float) -> tuple[TrackedObject, ...]:
+        """Return the tracked objects that were heard of."""
+        heard = ((stream.name, stream.newest(), goal_m) for stream, goal_m in self._objects)
+        return tuple(
+            newest.tracked(name, now_s - newest.stamp_s, goal_m) for name, newest, goal_m in heard if newest
+        )
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return the newest readings of further sensors."""
+        heard = ((stream.name, stream.newest()) for stream in self._sensors)
+        return tuple(Reading(name, newest.values) for name, newest in heard if newest)
+
     def fault(self, now_s: float) -> str:
         """Say which stream is silent or old; empty if all are fresh."""
         for stream in self._all.values():
-            newest, name = stream.newest(), stream.content.name.lower()
+            newest, name = stream.newest(), stream.name
             if newest is None:
                 return f"waits for the {name} stream: not heard yet"
             if now_s - newest.stamp_s > STALE_S:

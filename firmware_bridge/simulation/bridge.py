@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from edge_runtime.common.closing import Closing
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
-from edge_runtime.messages import Command, RobotState, Teammate, TeamState, Vector
+from edge_runtime.messages import Command, Reading, RobotState, Teammate, TeamState, TrackedObject, Vector
 from edge_runtime.motion.range_sensor import RangeSensor
 from firmware_bridge.simulation.plant import Plant
 
@@ -70,6 +70,14 @@ class SimBridge(Closing):
     def ranges_m(self) -> tuple[float, ...] | None:
         """What the robot's range sensor read in the same instant."""
         return self._ranges(self.robot_id)
+
+    def tracked(self) -> tuple[TrackedObject, ...]:
+        """Return nothing: this plant moves robots alone."""
+        return ()
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return nothing: these robots have no further sensors."""
+        return ()
 
     def write(self, command: Command) -> None:
         """Move the robot by this command during the next period."""

@@ -13,6 +13,7 @@ from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import Endpoint, endpoint
+from edge_runtime.config.tracked import Tracked
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.pose.feeds import NatNetFeed, replay
 from edge_runtime.tools.pose.recording import Sample, read_recording
@@ -20,7 +21,8 @@ from edge_runtime.tools.pose.stream_host import StreamHost
 
 DESCRIPTION: Final = """\
 Tell robots where they are: OptiTrack rigid bodies (NatNet 4.0 to 4.2) or a recording, as authenticated
-frames. Serves the robots of the fleet file whose `pose` or `ranges` is its address, when they ask."""
+frames. Serves the robots of the fleet file whose `pose` or `ranges` is its address, when they ask, and tells
+all of them of the tracked objects whose `pose` that is."""
 EPILOG: Final = """\
 exit codes:
   0  the recording is over, or SIGTERM or SIGINT
@@ -41,7 +43,10 @@ def make_parser() -> CommandParser:
     feed = parser.add_mutually_exclusive_group(required=True)
     feed.add_argument("--natnet", type=ipv4, metavar="IP", help="machine that runs Motive")
     feed.add_argument(
-        "--replay", type=Path, metavar="FILE", help="JSON lines or .csv: t, robot, x, y, heading[, vx, vy]"
+        "--replay",
+        type=Path,
+        metavar="FILE",
+        help="JSON lines or .csv: t, robot or object, x, y, heading[, vx, vy]",
     )
     add("--up", choices=("y", "z"), default="y", help="axis that Motive streams as up (default: y)")
     return parser
@@ -51,6 +56,7 @@ def _place(fleet: Fleet, listen: str | None) -> Endpoint:
     """Return the address to serve, one that robots of the fleet name."""
     named = {robot.pose: robot.pose_place for robot in fleet.robots if robot.pose_place}
     named |= {robot.ranges: robot.ranges_place for robot in fleet.robots if robot.ranges_place}
+    named |= {each.pose: each.pose_place for each in fleet.tracked if each.pose and each.pose_place}
     if not named:
         refuse(fleet.path, "robots", 'none names a stream; add pose = "10.0.0.5:47100" to each that has one')
     if listen is None and len(named) == 1:
@@ -65,11 +71,28 @@ def _place(fleet: Fleet, listen: str | None) -> Endpoint:
     return place
 
 
-def _check_robots(samples: Sequence[Sample], poses: Sequence[int], ranges: Sequence[int], file: Path) -> None:
+def _check_robots(
+    samples: Sequence[Sample],
+    poses: Sequence[int],
+    ranges: Sequence[int],
+    objects: Sequence[str],
+    file: Path,
+) -> None:
     for sample in samples:
-        if sample.robot not in (poses if sample.ranges is None else ranges):
+        if sample.object is not None:
+            if sample.object not in objects:
+                known = ", ".join(map(repr, objects)) or "none"
+                raise ConfigError(f"{file}: object {sample.object!r} is not told from here; allowed: {known}")
+        elif sample.robot not in (poses if sample.ranges is None else ranges):
             kind = "poses" if sample.ranges is None else "ranges"
             raise ConfigError(f"{file}: robot {sample.robot} does not get its {kind} from here")
+
+
+def _check_bodies(fleet: Fleet, objects: Sequence[Tracked]) -> None:
+    for each in objects:
+        if each.rigid_body is None:
+            key = f"tracked[{fleet.tracked.index(each)}].rigid_body"
+            refuse(fleet.path, key, f"missing: which of Motive's rigid bodies is {each.name!r}?")
 
 
 def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
@@ -80,12 +103,19 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
     ranges = [robot.id for robot in fleet.robots if robot.ranges_place == place]
     places = {robot.id: endpoint(robot.address) for robot in fleet.robots if robot.address}
     samples = read_recording(flags.replay) if flags.replay else []
-    _check_robots(samples, poses, ranges, flags.replay)
-    with StreamHost(place, places, poses, ranges, key) as host:
+    objects = [each for each in fleet.tracked if each.pose_place == place]
+    names = [each.name for each in objects]
+    _check_robots(samples, poses, ranges, names, flags.replay)
+    if flags.natnet:
+        _check_bodies(fleet, objects)
+    with StreamHost(place, places, poses, ranges, key, names) as host:
         if flags.replay:
             replay(samples, host, ending)
             return
-        bodies = {r.id if r.rigid_body is None else r.rigid_body: r.id for r in fleet.robots if r.id in poses}
+        bodies: dict[int, int | str] = {
+            r.id if r.rigid_body is None else r.rigid_body: r.id for r in fleet.robots if r.id in poses
+        }
+        bodies |= {each.rigid_body: each.name for each in objects if each.rigid_body is not None}
         with NatNetFeed(flags.natnet, bodies, flags.up) as feed:
             feed.publish(host, ending)
             if feed.refused:

@@ -10,6 +10,7 @@ from typing import Final
 
 from edge_runtime.common.closing import Closing
 from edge_runtime.errors import ConfigError
+from edge_runtime.messages import Vector
 from edge_runtime.network.clock_offset import RemoteClock
 from edge_runtime.network.datagrams import Datagram, Datagrams, speak
 from edge_runtime.network.stream_wire import Kind
@@ -27,8 +28,10 @@ from edge_runtime.tools.pose.natnet import (
 )
 from edge_runtime.tools.pose.recording import Sample
 from edge_runtime.tools.pose.stream_host import StreamHost
-from edge_runtime.tools.pose.velocity import VelocityFit
+from edge_runtime.tools.pose.velocity import MotionFit
 
+Subject = int | str
+"""A robot by its id, or a tracked object by its name."""
 CONNECT_S: Final = 5.0
 """How long a server may take to answer."""
 CONNECT_AGAIN_S: Final = 0.5
@@ -41,30 +44,51 @@ LISTEN_S: Final = 0.002
 
 def replay(samples: Sequence[Sample], host: StreamHost, ending: Callable[[], str]) -> None:
     """Publish a recording in its own time, from when all its robots' streams are asked for."""
-    streams = {(sample.robot, sample.ranges is None) for sample in samples}
-    while host.listening < len(streams):
+    streams = {(sample.robot, sample.ranges is None) for sample in samples if sample.object is None}
+    objects = {sample.object for sample in samples if sample.object is not None}
+    while host.listening < len(streams) + len(objects) * host.robots:
         if ending():
             return
         host.listen(LISTEN_S)
-    fits: dict[int, VelocityFit] = defaultdict(VelocityFit)
+    fits: dict[Subject | None, MotionFit] = defaultdict(MotionFit)
     start_s = time.monotonic() - samples[0].t
     for sample in samples:
         while (left_s := start_s + sample.t - time.monotonic()) > 0.0:
             if ending():
                 return
             host.listen(min(left_s, LISTEN_S))
-        _publish(sample, fits[sample.robot], host, start_s + sample.t)
+        subject = sample.robot if sample.object is None else sample.object
+        _publish(sample, fits[subject], host, start_s + sample.t)
 
 
-def _publish(sample: Sample, fit: VelocityFit, host: StreamHost, stamp_s: float) -> None:
-    if sample.ranges is not None:
+def _publish(sample: Sample, fit: MotionFit, host: StreamHost, stamp_s: float) -> None:
+    subject = sample.robot if sample.object is None else sample.object
+    if sample.ranges is not None and sample.robot is not None:
         host.publish(Kind.RANGES, sample.robot, stamp_s, sample.ranges)
-    elif sample.x is not None and sample.y is not None:
-        velocity = fit.add(sample.t, (sample.x, sample.y))
+    elif subject is not None and sample.x is not None and sample.y is not None:
+        place = (sample.x, sample.y)
+        motion = fit.add(sample.t, place, sample.heading)
         if sample.vx is not None and sample.vy is not None:
-            velocity = sample.vx, sample.vy
-        if velocity:
-            host.publish(Kind.POSE, sample.robot, stamp_s, (sample.x, sample.y, *velocity, sample.heading))
+            motion = (sample.vx, sample.vy), motion[1] if motion else 0.0
+        if motion:
+            _tell(host, subject, stamp_s, place, sample.heading, *motion)
+
+
+def _tell(
+    host: StreamHost,
+    subject: Subject,
+    stamp_s: float,
+    position_m: Vector,
+    heading_rad: float,
+    velocity_m_s: Vector,
+    yaw_rate_rad_s: float,
+) -> None:
+    """Publish the motion of a robot, told by its id, or of an object, told by its name."""
+    values = (*position_m, *velocity_m_s, heading_rad)
+    if isinstance(subject, str):
+        host.publish_object(subject, stamp_s, (*values, yaw_rate_rad_s))
+    else:
+        host.publish(Kind.POSE, subject, stamp_s, values)
 
 
 class NatNetFeed(Closing):
@@ -72,16 +96,18 @@ class NatNetFeed(Closing):
 
     Args:
         server: Motive's IP address.
-        robots: id of the robot that carries a rigid body, by the body's streaming id.
+        carriers: who carries a rigid body, a robot's id or an object's name, by the body's streaming id.
         up: see `edge_runtime.tools.pose.natnet.Up`.
 
     Raises:
         ConfigError: if nobody answers there, or speaks a version that is not read here.
     """
 
-    def __init__(self, server: str, robots: Mapping[int, int], up: Up, port: int = COMMAND_PORT) -> None:
-        self._place, self._robots, self._up = (server, port), robots, up
-        self._fits: dict[int, VelocityFit] = defaultdict(VelocityFit)
+    def __init__(
+        self, server: str, carriers: Mapping[int, Subject], up: Up, port: int = COMMAND_PORT
+    ) -> None:
+        self._place, self._carriers, self._up = (server, port), carriers, up
+        self._fits: dict[Subject, MotionFit] = defaultdict(MotionFit)
         self._clock = RemoteClock()
         self._command = speak(server, PACKET_BYTES)
         self._data = self._command
@@ -137,12 +163,12 @@ class NatNetFeed(Closing):
         self._clock.heard(frame.stamp_s, arrival_s)
         stamp_s = self._clock.local_s(frame.stamp_s)
         for body in frame.bodies:
-            robot_id = self._robots.get(body.id)
-            if robot_id is None or not body.tracked:
+            subject = self._carriers.get(body.id)
+            if subject is None or not body.tracked:
                 continue
             position_m, heading_rad = body.planar(self._up)
-            if velocity := self._fits[robot_id].add(frame.stamp_s, position_m):
-                host.publish(Kind.POSE, robot_id, stamp_s, (*position_m, *velocity, heading_rad))
+            if motion := self._fits[subject].add(frame.stamp_s, position_m, heading_rad):
+                _tell(host, subject, stamp_s, position_m, heading_rad, *motion)
 
     def _connect(self) -> Server:
         asked_s, end_s = -math.inf, time.monotonic() + CONNECT_S

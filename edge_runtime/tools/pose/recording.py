@@ -1,8 +1,9 @@
 """Recorded poses and ranges: JSON lines or CSV, in the order of their times.
 
 One line is one robot's pose, ``{"t": 0.01, "robot": 0, "x": 0.2, "y": -0.1, "heading": 0.0}`` with ``vx`` and
-``vy`` if they are known, or what its sensor read, ``{"t": 0.01, "robot": 0, "ranges": [0.35, 0.2]}``. CSV has
-the poses' names in its first line. SI units, the team's frame.
+``vy`` if they are known, or what its sensor read, ``{"t": 0.01, "robot": 0, "ranges": [0.35, 0.2]}``. A
+tracked object's pose has its name instead of a robot, ``"object": "package"``. CSV has the poses' names in
+its first line. SI units, the team's frame.
 """
 
 import csv
@@ -28,7 +29,9 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     t: float
     """Seconds from the start of the recording."""
-    robot: int
+    robot: int | None = None
+    object: str | None = None
+    """Name of the tracked object that the line is about, instead of a robot."""
     x: float | None = None
     y: float | None = None
     heading: float = 0.0
@@ -37,6 +40,10 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ranges: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        if (self.robot is None) == (self.object is None):
+            raise ValueError("a line has either `robot` or `object`")
+        if self.object is not None and self.ranges is not None:
+            raise ValueError("`ranges` are a robot's, no object's")
         if (self.x is None or self.y is None) == (self.ranges is None):
             raise ValueError("a line has either `x` and `y`, or `ranges`")
         if (self.vx is None) != (self.vy is None):
@@ -73,7 +80,9 @@ def read_recording(path: Path) -> list[Sample]:
     except (ValueError, msgspec.MsgspecError, csv.Error) as error:
         raise ConfigError(f"{path}: line {number}: {error}") from error
     if not samples:
-        raise ConfigError(f"{path}: is empty; a line is one robot's pose, or its ranges")
+        raise ConfigError(
+            f"{path}: is empty; a line is one robot's pose, or its ranges, or one object's pose"
+        )
     return samples
 
 

@@ -12,7 +12,7 @@ from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 ROBOT_KEYS = (
     "id, start_m, goal_m, address, neighbours, policy, mass_kg, drag, slew_per_s, max_action, max_speed_m_s, "
-    "pose, ranges, rigid_body, zenoh"
+    "pose, ranges, sensors, rigid_body, zenoh"
 )
 ROBOTS = "[[robots]]\nid = 3\nstart_m = [0, 0]\ngoal_m = [1, 0.5]\n"
 OWN = """
@@ -142,7 +142,10 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
     "text, expected",
     [
         ("robots = []", "robots: a fleet needs at least one robot"),
-        ("", "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch, obstacle"),
+        (
+            "",
+            "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch, obstacle, tracked",
+        ),
         (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
         (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
         (ROBOTS.replace("3", "true"), "robots[0].id: Expected `int`, got `bool`"),
@@ -203,7 +206,8 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
         ),
         (
             ROBOTS + "[teem]",
-            "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch, obstacle",
+            "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch, obstacle, "
+            "tracked",
         ),
         (
             ROBOTS + "[[obstacle]]\ncentre_m = [0, 0]",
