@@ -7,15 +7,19 @@ from pathlib import Path
 
 from edge_runtime.common.command_line import CommandParser, command
 from edge_runtime.errors import ConfigError
+from edge_runtime.observation import ObservationField
+from edge_runtime.policy.manifest import Training
 from export.algorithms.derivatives import evaluate_torch
 from export.algorithms.networks import FlowNetwork
-from export.bundle.facts import FACTS_TEMPLATE, Facts, read_facts
+from export.bundle.facts import Facts, read_facts
+from export.bundle.facts_template import facts_template
 from export.bundle.parity import SAMPLES, random_inputs
+from export.bundle.upgrade import upgrade_bundle
 from export.bundle.writer import bundle_draft, write_bundle
 from export.onnx.graph import velocity_graph
 from export.onnx.importing import import_graph
 from export.onnx.jacobian import with_jacobian
-from export.scenarios import scenario_facts
+from export.scenarios import SCENARIOS, scenario_facts
 from export.training.checkpoint import PolicyFacts, load_policy
 
 EPILOG = """\
@@ -28,9 +32,10 @@ examples:
   edge-export runs/nav --out policies/navigation
   edge-export --print-facts-template > facts.toml
   edge-export --from-onnx velocity.onnx --facts facts.toml --out policies/mine
+  edge-export --upgrade policies/old
 
-A graph for --from-onnx has the float inputs action (batch, 2), tau (batch, 1), observation (batch, O) and
-computes the flow's velocity (batch, 2). Where it is a plain SiLU or tanh MLP the robot needs only numpy,
+A graph for --from-onnx has the float inputs action (batch, d), tau (batch, 1), observation (batch, O) and
+computes the flow's velocity (batch, d). Where it is a plain SiLU or tanh MLP the robot needs only numpy,
 otherwise onnxruntime.
 """
 
@@ -65,7 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: argparse.Namespace) -> str:
     if arguments.print_facts_template:
-        return FACTS_TEMPLATE.rstrip()
+        return facts_template()
+    if arguments.upgrade is not None:
+        return upgrade_bundle(arguments.upgrade, _scenario_fields)
     if arguments.out is None:
         raise ConfigError("--out DIR is missing: the directory of the bundle to write")
     if (arguments.run is None) == (arguments.from_onnx is None):
@@ -90,8 +97,15 @@ def _run(arguments: argparse.Namespace) -> str:
 def _scenario_facts(origin: PolicyFacts) -> Facts:
     scenario = scenario_facts(origin.scenario, preferred=origin.preferred)
     rate_hz, steps = scenario.control_rate_hz, origin.euler_steps
-    robot = (scenario.dynamics, scenario.body)
+    robot = (scenario.motion, scenario.body)
     return Facts(scenario.observation, scenario.action, rate_hz, steps, *robot, origin.training, origin.start)
+
+
+def _scenario_fields(training: Training) -> tuple[ObservationField, ...]:
+    """What a policy that was trained here observes; nothing if its scenario is not known."""
+    if training.scenario not in SCENARIOS:
+        return ()
+    return scenario_facts(training.scenario, preferred=training.algorithm == "pc-mappo").observation
 
 
 def _check_shape(run_dir: Path, network: FlowNetwork, facts: Facts) -> None:
@@ -112,6 +126,9 @@ def make_parser() -> CommandParser:
     parser.add_argument("--facts", type=Path, metavar="FILE", help="TOML facts for --from-onnx")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="the bundle's directory; its name is the policy's"
+    )
+    parser.add_argument(
+        "--upgrade", type=Path, metavar="DIR", help="write this bundle's manifest anew, in today's format"
     )
     parser.add_argument("--force", action="store_true", help="replace an existing bundle")
     parser.add_argument(

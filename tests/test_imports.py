@@ -16,8 +16,9 @@ FLOORS = """
 edge_runtime
 edge_runtime.common
 edge_runtime.motion
-edge_runtime.objectives edge_runtime.policy edge_runtime.tools.report.page
-edge_runtime.guidance edge_runtime.observation
+edge_runtime.objectives edge_runtime.observation edge_runtime.tools.report.page
+edge_runtime.policy
+edge_runtime.guidance
 edge_runtime.config
 edge_runtime.control edge_runtime.network
 edge_runtime.recording edge_runtime.team edge_runtime.telemetry firmware_bridge.sil.report

@@ -85,7 +85,8 @@ def to_record(table: object, record: type[T], path: Path, key: str = "") -> T:
         if inside:
             _check_items(table, record, place, path, key)
         hint = _number_in(table, place) if complaint.startswith(_NUMBER_WANTED) else ""
-        _refuse_place(complaint + hint, record, place, path, key)
+        expected = _type_at(record, re.findall(r"\w+|\[", place), table)
+        _refuse_place(complaint + hint, expected, place, path, key)
 
 
 def _number_in(table: Any, place: str) -> str:  # noqa: ANN401
@@ -102,23 +103,23 @@ def _number_in(table: Any, place: str) -> str:  # noqa: ANN401
 
 def _check_items(table: Any, record: object, place: str, path: Path, key: str) -> None:  # noqa: ANN401
     """Find which item of the table at ``place`` is wrong: msgspec writes ``[...]`` for any of its keys."""
-    steps = re.findall(r"\w+|\[", place)
+    steps, whole = re.findall(r"\w+|\[", place), table
     for step in (step for step in steps if step != "["):
         table = table[int(step) if step.isdigit() else step]
-    item_type = get_args(_type_at(record, steps))[1]
+    item_type = get_args(_type_at(record, steps, whole))[1]
     for name, item in table.items():
         to_record(item, item_type, path, f"{key}{place}.{name}".lstrip("."))
 
 
-def _refuse_place(complaint: str, record: object, place: str, path: Path, key: str) -> NoReturn:
+def _refuse_place(complaint: str, expected: Any, place: str, path: Path, key: str) -> NoReturn:  # noqa: ANN401
     """Say what is wrong at a place such as ``.robots[0].id`` of a record, and what is allowed there."""
-    expected = _type_at(record, re.findall(r"\w+|\[", place))
     allowed = ""
     if named := re.fullmatch(r"Object (missing|contains unknown).* field `(.*)`", complaint):
         place += f".{named[2]}"
         complaint = "missing" if named[1] == "missing" else "unknown key"
-        allowed = f"; allowed: {', '.join(expected.__struct_encode_fields__)}"
-    elif complaint.startswith("Invalid enum value"):
+        names = getattr(expected, "__struct_encode_fields__", None) or map(repr, get_args(expected))
+        allowed = f"; allowed: {', '.join(names)}"
+    elif complaint.startswith(("Invalid enum value", "Invalid value")):
         allowed = f"; allowed: {', '.join(map(repr, get_args(expected)))}"
     refuse(path, f"{key}{place}".lstrip("."), f"{complaint}{allowed}".replace("`object`", "`table`"))
 
@@ -145,11 +146,26 @@ def _check_values(value: object, path: Path, key: str, depth: int) -> None:
             _check_values(item, path, f"{key}[{index}]", depth - 1)
 
 
-def _type_at(expected: Any, steps: list[str]) -> Any:  # noqa: ANN401  # types of any form
+def _type_at(expected: Any, steps: list[str], value: Any) -> Any:  # noqa: ANN401  # types of any form
+    """The type that a record has at a place; of several tagged ones, which of them ``value`` says it is.
+
+    Where it says none of them, what it may say.
+    """
     if get_origin(expected) in (Union, types.UnionType):
-        expected = next(option for option in get_args(expected) if option is not type(None))
+        expected = _option(expected, value)
     if not steps or get_origin(expected) is Literal:
         return expected
     if steps[0] == "[":
-        return _type_at(get_args(expected)[0], steps[2:])
-    return _type_at(get_type_hints(expected)[steps[0]], steps[1:])
+        return _type_at(get_args(expected)[0], steps[2:], value[int(steps[1])])
+    return _type_at(get_type_hints(expected)[steps[0]], steps[1:], value.get(steps[0]))
+
+
+def _option(union: Any, value: Any) -> Any:  # noqa: ANN401
+    options = [option for option in get_args(union) if option is not type(None)]
+    tagged = {
+        option.__struct_config__.tag: option for option in options if hasattr(option, "__struct_config__")
+    }
+    if len(tagged) < 2 or not isinstance(value, dict):
+        return options[0]
+    said = value.get(options[0].__struct_config__.tag_field)
+    return tagged[said] if isinstance(said, str) and said in tagged else Literal[tuple(tagged)]

@@ -39,6 +39,9 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Greatest magnitude of each action component, in its unit; the policy's own limits where None."""
     max_unfamiliar_s: float | None = None
     """For so long a robot may act on observations that training never had; without end where None."""
+    own_sources: tuple[str, ...] = ()
+    """Classes of one's own by which a policy may observe here, as ``module:Class``; they lie beside the fleet
+    file, or are installed. No bundle makes other code run."""
 
     def __post_init__(self) -> None:
         positive = (1.0 / GREATEST, GREATEST)

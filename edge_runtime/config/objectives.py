@@ -7,10 +7,8 @@ from pathlib import Path
 import msgspec
 
 from edge_runtime.common.bounds import MOST_OBJECTIVES
-from edge_runtime.common.own_code import import_own
-from edge_runtime.common.signals import is_interrupt
+from edge_runtime.common.own_code import own_class, own_faults, own_name
 from edge_runtime.common.toml_file import Table, parse_toml, read_toml, refuse, to_record
-from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 
@@ -97,27 +95,13 @@ def _objective(table: Table, path: Path, key: str, own: Collection[type[Objectiv
 def _made(kind: type[Objective], table: Table, path: Path, key: str) -> Objective:
     """Make an objective; an own one may get anything wrong that a class can."""
     called = own_name(kind)
-    try:
+    with own_faults(f"{path}: {key}", f"{called!r} cannot be made"):
         objective = to_record(table, kind, path, key)
         name = objective.name
         msgspec.json.encode(objective)  # as its digest, its record and the team's orders do
-    except ConfigError:
-        raise
-    except BaseException as error:
-        raise _own_fault(f"{path}: {key}", f"{called!r} cannot be made", error) from error
     if not isinstance(name, str):
         refuse(path, key, f"the name of {called!r} must be a string, got {name!r}")
     return objective
-
-
-def _own_fault(source: str, what: str, error: BaseException) -> BaseException:
-    cause = " ".join(f"{type(error).__name__}: {error}".split())
-    return error if is_interrupt(error) else ConfigError(f"{source}: {what} ({cause})")
-
-
-def own_name(kind: type[Objective]) -> str:
-    """The ``type`` of an own objective: what files and logs call it."""
-    return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def own_objective(name: str, folder: Path, source: str) -> type[Objective]:
@@ -131,15 +115,4 @@ def own_objective(name: str, folder: Path, source: str) -> type[Objective]:
     Raises:
         ConfigError: if it cannot be imported, or is no objective.
     """
-    module_name, _, class_name = name.partition(":")
-    if not (module_name and class_name):
-        raise ConfigError(f"{source}: {name!r} is not of the form module:Class")
-    try:
-        kind = getattr(import_own(module_name, folder), class_name)
-    except BaseException as error:  # a user's module may fail in any way while it is imported
-        raise _own_fault(source, f"cannot import {name!r}", error) from error
-    if not (isinstance(kind, type) and issubclass(kind, Objective)):
-        raise ConfigError(f"{source}: {name!r} is not a subclass of edge_runtime.objectives.Objective")
-    if kind.evaluate is Objective.evaluate:
-        raise ConfigError(f"{source}: {name!r} must define evaluate(motion, outlook)")
-    return kind
+    return own_class(name, folder, source, Objective, "evaluate(motion, outlook)")

@@ -46,22 +46,30 @@ class Controller:
         """The newest command."""
         self.start: Vector = (0.0, 0.0)
         """Where the newest sample's flow began."""
+        self.elapsed_s = 0.0
+        """From the first state that it observed to the newest."""
         self.limits = limits
         self.unfamiliar = FAMILIAR
         """What the newest observation has that training never had."""
         self._familiarity, self._strangest = familiarity, ""
         self._observer = observer
+        self._first_s: float | None = None
         self._random = random.Random(seed)
 
     def observe(self, team: TeamState) -> Array:
         """Compose the observation (1, O); the next call reuses it."""
-        observation = self._observer.observe(team)
+        if self._first_s is None:
+            self._first_s = team.own.stamp_s
+        self.elapsed_s = team.own.stamp_s - self._first_s
+        observation = self._observer.observe(team, self.command.action, self.elapsed_s)
         self._strangest = self._familiarity.strangest(observation[0])
         return observation
 
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:
-        """Sample a guided action by ``deadline_s``, a `time.monotonic` time."""
+        """Sample a guided action by ``deadline_s``, a `time.monotonic` time; zero if a source failed."""
         self.start = self._draw_start()
+        if self._observer.fault:
+            return GuidedAction((0.0,) * len(self.command.action), 0, fault=self._observer.fault)
         return guided_action(self.policy, observation, team, self.guide, self.start, deadline_s)
 
     def limit(self, guided: GuidedAction, team: TeamState, now_s: float) -> Command:

@@ -1,6 +1,7 @@
 """What one run is about, put together from the fleet, the bundle and the flags, and checked as a whole."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,11 +16,12 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.observation import Sensor, Source, Tracked, TrackedGoalOffset
 from edge_runtime.observation.familiarity import Familiarity, knows_training
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import Adaptation, adapt
 from edge_runtime.policy.backend import Backend
-from edge_runtime.policy.bundle import Bundle
+from edge_runtime.policy.bundle import MANIFEST_FILE, Bundle
 from edge_runtime.policy.velocity_field import VelocityField
 
 
@@ -55,6 +57,8 @@ class Mission:
     """False leaves the flow alone; reports still say what the objectives would have wanted."""
     backend: Backend = "auto"
     """What computes the policy."""
+    own_sources: tuple[type[Source], ...] = ()
+    """Code of the user's own that it may observe by."""
 
     def __post_init__(self) -> None:
         self.fleet.robot(self.robot_id)
@@ -63,6 +67,7 @@ class Mission:
         self._check_obstacles()
         self._check_sight(self.objective_set)
         self._check_familiarity()
+        self._check_sources()
 
     @property
     def objectives(self) -> tuple[Objective, ...]:
@@ -111,18 +116,23 @@ class Mission:
             max_speed_m_s: greatest velocity setpoint that the link to the robot takes.
 
         Raises:
-            PolicyError: if the policy cannot be computed, or observes what has no source here.
+            PolicyError: if the policy cannot be computed.
+            ConfigError: if it observes by code that may not run here.
         """
         robot = self.fleet.robot(robot_id)
         return Controller(
             robot.id,
-            Observer(self.bundle.manifest, robot.goal_m, self.fleet.team.scale_m),
+            self._observer(robot),
             self.policy,
             self.guide(),
             self._limits(robot, max_speed_m_s),
             Familiarity(self.bundle.manifest.observation),
             self.seed * 2**16 + robot.id,
         )
+
+    def _observer(self, robot: Robot) -> Observer:
+        path, scale_m = str(self.bundle.directory / MANIFEST_FILE), self.fleet.team.scale_m
+        return Observer(self.bundle.manifest, robot.goal_m, scale_m, own=self.own_sources, path=path)
 
     def _ready(self, asked: ObjectiveSet) -> Guide:
         return guide_for(self.bundle.manifest, asked, guided=self.guided)
@@ -173,6 +183,24 @@ class Mission:
                 "leave it out, or export the policy again (a graph: with --calibration FILE.npz)",
             )
 
+    def _check_sources(self) -> None:
+        """Refuse a policy that observes what nobody tells this robot."""
+        path, fleet = self.bundle.directory / MANIFEST_FILE, self.fleet
+        tracked = {each.name: each for each in fleet.tracked}
+        sensors = list(fleet.robot(self.robot_id).sensors)
+        for index, field in enumerate(self.bundle.manifest.observation):
+            key = f"observation[{index}]"
+            if isinstance(field, Sensor) and field.sensor not in sensors:
+                refuse(path, f"{key}.sensor", _not_told(field.sensor, "sensors of the robot", fleet, sensors))
+            if isinstance(field, Tracked) and field.object not in tracked:
+                refuse(path, f"{key}.object", _not_told(field.object, "[[tracked]]", fleet, list(tracked)))
+            if isinstance(field, TrackedGoalOffset) and tracked[field.object].goal_m is None:
+                refuse(
+                    fleet.path,
+                    f"tracked[{list(tracked).index(field.object)}].goal_m",
+                    "missing: the policy observes it",
+                )
+
     def _check_obstacles(self) -> None:
         for index, obstacle in enumerate(self.fleet.obstacles):
             least = obstacle.radius_m + self.bundle.manifest.body.radius_m
@@ -195,3 +223,7 @@ class Mission:
                         f"{self.fleet.path}: robots[{index}].{place}: {distance:.3f} m from that of robot "
                         f"{other.id}; their discs need at least {diameter:g} m"
                     )
+
+
+def _not_told(name: str, table: str, fleet: Fleet, known: Sequence[str]) -> str:
+    return f"{name!r} is none of {table} in {fleet.path}; allowed: {', '.join(known) or 'none'}"

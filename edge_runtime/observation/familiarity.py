@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.policy.manifest import ObservationField
+from edge_runtime.observation import ObservationField
 
 LEAST_WIDTH: Final = 1e-3
 """In the field's unit; how far a component lies outside counts in half the width of its range."""

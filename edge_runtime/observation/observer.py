@@ -1,21 +1,34 @@
-"""The policy's input, composed in the order of the manifest's fields: SI units, the team's frame.
+"""The policy's input, composed in the order of the manifest's fields, each from its source."""
 
-``goal_offset`` is position minus goal. ``ranges`` are the sensor's readings, ``proximity`` its range minus
-its readings, so that free space is zero. Without a real sensor the readings are computed from the
-teammates' discs, see `edge_runtime.motion.range_sensor`.
-"""
-
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.errors import PolicyError
-from edge_runtime.messages import TeamState, Vector2
-from edge_runtime.policy.manifest import Manifest
+from edge_runtime.common.own_code import cause_of
+from edge_runtime.common.signals import is_interrupt
+from edge_runtime.messages import TeamState, Vector
+from edge_runtime.motion.body import Body
+from edge_runtime.observation import ObservationField, OwnSource, Source, SourceError, View
 
-SOURCES = ("position", "velocity", "goal_offset", "proximity", "ranges")
-"""The fields that can be composed here; a policy with others runs only where its simulation observes."""
+LENGTHS = ("m", "m/s", "m/s^2")
+"""Units that grow with the policy's metre."""
+
+
+class Observed(Protocol):
+    """What a manifest says of a policy's input."""
+
+    @property
+    def observation(self) -> tuple[ObservationField, ...]:
+        """The fields, in order."""
+        ...
+
+    @property
+    def body(self) -> Body:
+        """The robot with its range sensor."""
+        ...
 
 
 class Observer:
@@ -25,60 +38,89 @@ class Observer:
         manifest: names the fields and the robot's body; already checked.
         goal_m: where the robot is to go.
         scale_m: one of the policy's metres, in the robot's.
+        own: the sources of the user's own that may run here.
+        path: the manifest's, for errors.
 
     Raises:
-        PolicyError: if the policy observes something that has no source here.
+        ConfigError: if the policy observes by code that may not run here, or cannot be made.
     """
 
-    def __init__(self, manifest: Manifest, goal_m: Vector2, scale_m: float = 1.0) -> None:
-        check_sources(manifest)
+    def __init__(
+        self,
+        manifest: Observed,
+        goal_m: Vector,
+        scale_m: float = 1.0,
+        *,
+        own: Collection[type[Source]] = (),
+        path: str = "manifest.json",
+    ) -> None:
         self.goal_m = goal_m
+        self.fault = ""
+        """Why the newest observation is of no use; empty if it is."""
         self._sensor = manifest.body.sensor()
-        self._fields = tuple(field.name for field in manifest.observation)
-        self._vector = np.zeros((1, manifest.observation_dim), np.float32)
+        self._parts: list[tuple[Source, slice, bool]] = []
+        end = 0
+        for index, field in enumerate(manifest.observation):
+            place = slice(end, end := end + field.size)
+            if isinstance(field, OwnSource):
+                self._parts.append((field.made(own, path, f"observation[{index}]"), place, True))
+            else:
+                self._parts.append((field, place, False))
+        self._vector = np.zeros((1, end), np.float32)
         self._per_unit = _per_unit(manifest, scale_m) if scale_m != 1.0 else None
 
-    def observe(self, team: TeamState) -> Array:
-        """Compose the observation (1, O) of what the robot knows of itself and its teammates.
+    def observe(self, team: TeamState, previous_action: Vector = (), elapsed_s: float = 0.0) -> Array:
+        """Compose the observation (1, O) of what the robot knows of itself and its team.
+
+        A field whose source has nothing to give, or fails, is NaN, and `fault` names it.
+
+        Args:
+            team: this tick's view.
+            previous_action: what the robot was commanded last.
+            elapsed_s: since its first tick.
 
         Raises:
             PolicyError: if the number of readings is not the number of rays.
         """
-        position, velocity = team.own.position_m, team.own.velocity_m_s
-        ranges_m = self._sensor.read(team)
-        reach = self._sensor.range_m
-        parts: dict[str, Sequence[float]] = {
-            "position": position,
-            "velocity": velocity,
-            "goal_offset": (position[0] - self.goal_m[0], position[1] - self.goal_m[1]),
-            "proximity": [reach - reading for reading in ranges_m],
-            "ranges": ranges_m,
-        }
-        self._vector[0] = [value for name in self._fields for value in parts[name]]
+        view = View(team, self.goal_m, self._sensor, previous_action, elapsed_s)
+        row, self.fault = self._vector[0], ""
+        for source, place, is_own in self._parts:
+            try:
+                row[place] = _checked(source, view) if is_own else source.read(view)
+            except SourceError as error:
+                row[place] = math.nan
+                self.fault = self.fault or f"observation {source.name}: {error}"
         if self._per_unit is not None:
             self._vector *= self._per_unit
         return self._vector
 
 
-def _per_unit(manifest: Manifest, scale_m: float) -> Array:
+def _checked(source: Source, view: View) -> Sequence[float]:
+    """What a source of the user's own returns.
+
+    Raises:
+        SourceError: if it raises, or returns anything but as many finite numbers as the field has components.
+    """
+    try:
+        values = [float(value) for value in source.read(view)]
+    except SourceError:
+        raise
+    except BaseException as error:  # it may raise anything
+        if is_interrupt(error):
+            raise
+        raise SourceError(f"its source raised {cause_of(error)}") from error
+    if len(values) != source.size:
+        raise SourceError(f"its source returned {len(values)} numbers, not {source.size}")
+    if not math.isfinite(sum(values)):
+        raise SourceError("its source returned what is not finite")
+    return values
+
+
+def _per_unit(manifest: Observed, scale_m: float) -> Array:
     """The policy's units in one of the robot's, (O,): lengths and speeds scale, angles and numbers do not."""
     shares = [
-        1.0 / scale_m if field.unit in ("m", "m/s", "m/s^2") else 1.0
+        1.0 / scale_m if field.unit in LENGTHS and not field.of_policy else 1.0
         for field in manifest.observation
         for _ in range(field.size)
     ]
     return np.array(shares, np.float32)
-
-
-def check_sources(manifest: Manifest) -> None:
-    """Refuse a policy that observes what has no source here.
-
-    Raises:
-        PolicyError: names it, and what has one.
-    """
-    missing = [field.name for field in manifest.observation if field.name not in SOURCES]
-    if missing:
-        raise PolicyError(
-            f"policy {manifest.name!r} observes {', '.join(missing)}, for which robots have no source yet: "
-            f"choose one that observes only {', '.join(SOURCES)}"
-        )

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
-from edge_runtime.common.regular_file import BYTE_ORDER_MARK, read_regular
+from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.policy.backend import Backend, make_policy
 from edge_runtime.policy.manifest import Manifest
+from edge_runtime.policy.manifest_file import read_manifest
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.onnx_policy import OnnxPolicy
 from edge_runtime.policy.onnx_trial import try_graph
@@ -90,7 +89,7 @@ def load_bundle(directory: Path) -> Bundle:
     encoded = _read(path, LARGEST_MANIFEST)
     if _read(directory / DIGEST_FILE, LARGEST_MANIFEST) != digest_line(encoded):
         raise BundleError(f"{path}: does not match its digest in {DIGEST_FILE}; copy the bundle again")
-    manifest = _decode(encoded, path)
+    manifest = read_manifest(encoded, path)
     check_manifest(manifest, str(path))
     contents = {name: _read_verified(directory / name, digest) for name, digest in manifest.files.items()}
     weights = None
@@ -116,13 +115,6 @@ def packaged_bundle(name: str) -> Bundle:
 def digest_line(manifest: bytes) -> bytes:
     """The one line of ``manifest.sha256`` for an encoded manifest, as ``sha256sum`` writes it."""
     return f"{hashlib.sha256(manifest).hexdigest()}  {MANIFEST_FILE}\n".encode()
-
-
-def _decode(encoded: bytes, path: Path) -> Manifest:
-    try:
-        return msgspec.json.decode(encoded.removeprefix(BYTE_ORDER_MARK), type=Manifest)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise BundleError(f"{path}: {error}") from error
 
 
 def _read(path: Path, largest: int) -> bytes:

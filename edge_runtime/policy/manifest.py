@@ -1,64 +1,33 @@
 """What a bundle says about its policy: the records of ``manifest.json``, SI units throughout."""
 
-import math
 from typing import Literal
 
 import msgspec
-import numpy as np
 
+from edge_runtime.errors import BundleError
+from edge_runtime.motion.body import Body
 from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.range_sensor import RangeSensor
+from edge_runtime.motion.models import MotionModel, PointForce
+from edge_runtime.observation import Extent, ObservationField
 from edge_runtime.policy.weights import Activation
 
-BUNDLE_FORMAT = "cfpg-bundle/1"
+BUNDLE_FORMAT = "cfpg-bundle/2"
 
 FlowStart = Literal["noise", "zero"]
 """What a flow was trained to start from: standard normal noise, or zero alone (a Gaussian policy's mean)."""
-
-
-class ObservationField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One contiguous piece of the observation vector."""
-
-    name: str
-    """Which of the known fields."""
-    size: int
-    """Components."""
-    unit: str
-    """Of each component."""
-    seen: tuple[tuple[float, float], ...] | None = None
-    """Least and greatest value of each component in training; None where that is not known."""
 
 
 class ActionField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One component of the action, with the limits that the policy was trained under."""
 
     name: str
-    """Which of the known components."""
+    """Which component, such as force_x."""
     unit: str
     """Of the component."""
     low: float
     """Least value; at most 0, which is rest."""
     high: float
     """Greatest value; at least 0."""
-
-
-class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The robot that the policy was trained for: its disc and its range sensor."""
-
-    radius_m: float
-    """Of its disc."""
-    lidar_rays: int
-    """How many, evenly spread; 0 for none."""
-    lidar_range_m: float
-    """Of each ray; 0 without rays."""
-    lidar_start_rad: float = 0.0
-    """Direction of the first ray, from x counter-clockwise; the others follow evenly."""
-
-    def sensor(self) -> RangeSensor:
-        """Prepare its range sensor, which may have no rays."""
-        angle = self.lidar_start_rad + np.arange(self.lidar_rays) * (2.0 * math.pi / max(self.lidar_rays, 1))
-        rays = tuple(zip(np.cos(angle).tolist(), np.sin(angle).tolist(), strict=True))
-        return RangeSensor(rays, self.lidar_range_m, self.radius_m)
 
 
 class Network(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -90,11 +59,30 @@ class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Spaces:
-    """Whatever says what a policy observes and does, by the sizes of both."""
+    """Whatever says what a policy observes and does, on what robot."""
 
     __slots__ = ()
     observation: tuple[ObservationField, ...]
     action: tuple[ActionField, ...]
+    motion: MotionModel
+    body: Body
+
+    @property
+    def extent(self) -> Extent:
+        """What the sizes of observation fields depend on."""
+        return Extent(self.motion.dims, self.action_dim, self.body.lidar_rays)
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The motion of a point that forces push in the plane.
+
+        Raises:
+            BundleError: if this is another one.
+        """
+        motion = self.motion
+        if not isinstance(motion, PointForce) or motion.action_dim != 2:
+            raise BundleError(f"motion.type is {motion.kind!r}, must be 'point_force' in the plane here")
+        return Dynamics(motion.mass_kg, motion.drag, motion.dt_s, motion.substeps)
 
     @property
     def observation_dim(self) -> int:
@@ -124,7 +112,7 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """T, the steps in which an action is made."""
     network: Network | None
     """None where only onnxruntime can express the graph."""
-    dynamics: Dynamics
+    motion: MotionModel
     body: Body
     training: Training | None
     """None for a policy whose training is not known."""

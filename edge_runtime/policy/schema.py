@@ -1,4 +1,4 @@
-"""What a manifest must say for a robot to run it: known fields, their units, finite and ordered numbers."""
+"""What a manifest must say for a robot to run it: fields of the right size, finite and ordered numbers."""
 
 import re
 from itertools import pairwise
@@ -6,30 +6,13 @@ from typing import Final, NoReturn
 
 from edge_runtime.common.bounds import GREATEST, RATE_HZ
 from edge_runtime.errors import BundleError
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import BUNDLE_FORMAT, Body, Manifest, ObservationField, Training
+from edge_runtime.messages import LONGEST_ACTION
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import MotionModel
+from edge_runtime.observation import ObservationField
+from edge_runtime.observation.source import LARGEST_FIELD
+from edge_runtime.policy.manifest import Manifest, Spaces, Training
 
-OBSERVATION_UNITS: Final = {
-    "position": "m",
-    "velocity": "m/s",
-    "goal_offset": "m",
-    "proximity": "m",
-    "ranges": "m",
-    "nearby_samples": "1",
-    "preference": "1",
-    "package_offset": "m",
-    "line_offset": "m",
-    "package_goal_offset": "m",
-    "package_velocity": "m/s",
-    "line_velocity": "m/s",
-    "line_angular_velocity": "rad/s",
-    "line_sin_2_angle": "1",
-}
-"""Every observation field that a policy may have, with its unit."""
-SIZES: Final = {"nearby_samples": 8, "preference": 3, "line_angular_velocity": 1, "line_sin_2_angle": 1}
-"""Components of the fields that are neither a vector of the plane nor one number per ray."""
-ACTION_UNITS: Final = {"force_x": "N", "force_y": "N"}
-"""The action that the dynamics integrate: one force per axis, in this order."""
 GRAPH_FILE: Final = "policy.onnx"
 WEIGHTS_FILE: Final = "policy.npz"
 MAX_EULER_STEPS: Final = 1000
@@ -49,13 +32,6 @@ MAX_NAME: Final = 200
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
-def observation_size(name: str, body: Body) -> int:
-    """Components of the known observation field ``name``: one per ray, else as in ``SIZES``, or x and y."""
-    if name in ("proximity", "ranges"):
-        return body.lidar_rays
-    return SIZES.get(name, 2)
-
-
 def bundle_files(runtime: str) -> tuple[str, ...]:
     """Files beside the manifest that a bundle for ``runtime`` has."""
     return (GRAPH_FILE, WEIGHTS_FILE) if runtime == "numpy" else (GRAPH_FILE,)
@@ -72,16 +48,15 @@ def check_manifest(manifest: Manifest, source: str) -> None:
         BundleError: names the key, what was found and what fits.
     """
     rules = _Rules(source)
-    rules.require(manifest.format == BUNDLE_FORMAT, "format", manifest.format, repr(BUNDLE_FORMAT))
     rules.name("name", manifest.name)
     rules.between("control_rate_hz", manifest.control_rate_hz, *RATE_HZ)
     rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
     _check_body(rules, manifest.body)
-    _check_dynamics(rules, manifest.dynamics)
-    steps = manifest.dynamics.dt_s * manifest.control_rate_hz
-    rules.require(abs(steps - 1.0) < 1e-6, "dynamics.dt_s", manifest.dynamics.dt_s, "1 / control_rate_hz")
-    _check_observation(rules, manifest)
+    _check_motion(rules, manifest.motion)
+    steps = manifest.motion.dt_s * manifest.control_rate_hz
+    rules.require(abs(steps - 1.0) < 1e-6, "motion.dt_s", manifest.motion.dt_s, "1 / control_rate_hz")
     _check_action(rules, manifest)
+    _check_observation(rules, manifest)
     _check_network(rules, manifest)
     _check_training(rules, manifest.training)
     _check_files(rules, manifest)
@@ -124,27 +99,32 @@ def _check_body(rules: _Rules, body: Body) -> None:
         rules.require(body.lidar_range_m == 0, "body.lidar_range_m", body.lidar_range_m, "0 without rays")
 
 
-def _check_dynamics(rules: _Rules, dynamics: Dynamics) -> None:
-    rules.positive("dynamics.mass_kg", dynamics.mass_kg)
-    rules.require(0 <= dynamics.drag < 1, "dynamics.drag", dynamics.drag, "at least 0 and below 1")
-    rules.positive("dynamics.dt_s", dynamics.dt_s)
-    rules.between("dynamics.substeps", dynamics.substeps, 1, 100)
+def _check_motion(rules: _Rules, motion: MotionModel) -> None:
+    for key, found, wanted in motion.faults():
+        rules.refuse(f"motion.{key}", found, wanted)
 
 
 def _check_observation(rules: _Rules, manifest: Manifest) -> None:
-    known = "one of " + ", ".join(OBSERVATION_UNITS)
     seen: set[str] = set()
-    rules.require(bool(manifest.observation), "observation", [], "a list of fields, each " + known)
+    rules.require(bool(manifest.observation), "observation", [], "a list of fields")
     for index, field in enumerate(manifest.observation):
         key = f"observation[{index}]"
-        rules.require(field.name in OBSERVATION_UNITS, f"{key}.name", field.name, known)
+        rules.name(f"{key}.name", field.name)
         rules.require(field.name not in seen, f"{key}.name", field.name, "named once, it is repeated")
         seen.add(field.name)
-        unit, size = OBSERVATION_UNITS[field.name], observation_size(field.name, manifest.body)
-        rules.require(field.unit == unit, f"{key}.unit", field.unit, f"{unit!r} for {field.name}")
-        fits = field.size == size and size > 0
-        rules.require(fits, f"{key}.size", field.size, _wanted_size(field.name, size))
-        _check_seen(rules, f"{key}.seen", field)
+        _check_field(rules, key, field, manifest)
+
+
+def _check_field(rules: _Rules, key: str, field: ObservationField, spaces: Spaces) -> None:
+    size, unit, kind = field.components(spaces.extent), field.unit_here, field.kind
+    rules.name(f"{key}.unit", field.unit)
+    rules.require(field.unit == (unit or field.unit), f"{key}.unit", field.unit, f"{unit!r} for {kind}")
+    if size is None:
+        rules.between(f"{key}.size", field.size, 1, LARGEST_FIELD)
+    else:
+        rules.require(size > 0, f"{key}.source", kind, "left out, body.lidar_rays is 0")
+        rules.require(field.size == size, f"{key}.size", field.size, f"{size} for {kind}")
+    _check_seen(rules, f"{key}.seen", field)
 
 
 def _check_seen(rules: _Rules, key: str, field: ObservationField) -> None:
@@ -157,18 +137,18 @@ def _check_seen(rules: _Rules, key: str, field: ObservationField) -> None:
         rules.between(f"{key}[{index}][1]", high, low, GREATEST)
 
 
-def _wanted_size(name: str, size: int) -> str:
-    if name not in ("proximity", "ranges"):
-        return f"{size} for {name}"
-    return f"{size} for {name} (body.lidar_rays)" if size else "left out, body.lidar_rays is 0"
-
-
 def _check_action(rules: _Rules, manifest: Manifest) -> None:
-    found = {field.name: field.unit for field in manifest.action}
-    in_order = [field.name for field in manifest.action] == list(ACTION_UNITS)
-    wanted = ", ".join(f"{name} in {unit}" for name, unit in ACTION_UNITS.items())
-    rules.require(in_order and found == ACTION_UNITS, "action", found, f"in order {wanted}")
+    found, wanted = manifest.action_dim, manifest.motion.action_dim
+    rules.between("action: number of components", found, 1, LONGEST_ACTION)
+    rules.require(
+        found == wanted, "action: number of components", found, f"{wanted} for {manifest.motion.kind}"
+    )
+    names = [field.name for field in manifest.action]
     for index, field in enumerate(manifest.action):
+        for key in ("name", "unit"):
+            rules.name(f"action[{index}].{key}", getattr(field, key))
+        once = names.count(field.name) == 1
+        rules.require(once, f"action[{index}].name", field.name, "named once, it is repeated")
         rules.bounded(f"action[{index}].low", field.low)
         rules.bounded(f"action[{index}].high", field.high)
         rules.require(

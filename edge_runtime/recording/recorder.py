@@ -137,6 +137,7 @@ class Recorder:
             guide.version,
             controller.start,
             self._previous,
+            controller.elapsed_s,
             team,
             self._seen,
             guided,

@@ -203,6 +203,8 @@ class Inputs(msgspec.Struct, frozen=True, gc=False):
     """Start noise: where the flow began."""
     previous_action: Action
     """The action commanded last, from which the slew limit counts."""
+    elapsed_s: float = 0.0
+    """Since the robot's first tick, as sources see it."""
 
 
 class Observation(msgspec.Struct, frozen=True, gc=False):

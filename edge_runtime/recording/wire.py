@@ -66,6 +66,7 @@ TickParts = tuple[
     int,  # version of the objectives
     Vector,  # start noise
     Vector,  # action commanded before
+    float,  # time since the first tick
     TeamState,
     bytes | memoryview,  # observation, 32-bit floats
     GuidedAction,
@@ -90,6 +91,7 @@ _PARTS: Final = msgspec.msgpack.Decoder(
         int,
         Vector,
         Vector,
+        float,
         TeamState,
         bytes,
         GuidedAction,
@@ -124,7 +126,7 @@ def decode_packet(packet: bytes) -> Packet:
     if letter != _TICK:
         return _DECODERS[letter].decode(body)
     parts = _PARTS.decode(body)
-    inputs, (team, seen, guided, command, laps, unfamiliar) = Inputs(*parts[:6]), parts[6:]
+    inputs, (team, seen, guided, command, laps, unfamiliar) = Inputs(*parts[:7]), parts[7:]
     observation = Observation(tuple(memoryview(seen).cast("f")), unfamiliar.field, unfamiliar.seconds)
     return Tick(inputs, team, observation, guided, command, StageTimes(*laps))
 

@@ -13,6 +13,7 @@ from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import load_objective_set
+from edge_runtime.config.own_sources import add_own_source, load_own_sources
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
@@ -120,6 +121,7 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
     )
     add("--json", type=Path, metavar="FILE", help="write the report there")
     add("--animate", type=Path, metavar="FILE", help="when it ended, draw the run: .gif, or .mp4 with ffmpeg")
+    add_own_source(parser)
     add_log_flags(parser)
     return parser
 
@@ -166,6 +168,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
         flags.seed,
         guided=not flags.no_guidance,
         backend=flags.backend,
+        own_sources=load_own_sources(fleet, flags.own_source),
     )
 
 

@@ -1,53 +1,24 @@
-"""What a velocity field alone does not say: fields, limits, rate, dynamics and body of its robots."""
+"""What a velocity field alone does not say: fields, limits, rate, motion and body of its robots."""
 
 from pathlib import Path
-from typing import Final
 
 import msgspec
+from msgspec.structs import replace
 
-from edge_runtime.common.toml_file import read_toml, to_record
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import MotionModel
+from edge_runtime.observation import SOURCES, Extent, ObservationField
 from edge_runtime.policy.manifest import (
     BUNDLE_FORMAT,
     ActionField,
-    Body,
     FlowStart,
     Manifest,
     Network,
-    ObservationField,
     Spaces,
     Training,
 )
-from edge_runtime.policy.schema import (
-    ACTION_UNITS,
-    GRAPH_FILE,
-    OBSERVATION_UNITS,
-    check_manifest,
-    observation_size,
-)
-
-FACTS_TEMPLATE: Final = """\
-# What edge-export must know beside the graph. SI units throughout.
-observation = ["position", "velocity", "goal_offset", "proximity"]  # in the graph's order; goal_offset is
-                          # position - goal (m), proximity is lidar_range_m - measured range (m) for each ray
-control_rate_hz = 10.0
-euler_steps = 10          # T: steps from noise (tau = 0) to the action (tau = 1)
-
-[action]                  # force along x and y, N
-low = -1.0
-high = 1.0
-
-[dynamics]                # v <- (1 - drag) v + force / mass_kg dt_s
-mass_kg = 1.0
-drag = 0.25
-dt_s = 0.1
-substeps = 2
-
-[body]
-radius_m = 0.1
-lidar_rays = 12           # 0 without a range sensor; then lidar_range_m = 0
-lidar_range_m = 0.35
-"""
+from edge_runtime.policy.schema import GRAPH_FILE, check_manifest
 
 
 class Facts(Spaces, msgspec.Struct, frozen=True):
@@ -57,7 +28,7 @@ class Facts(Spaces, msgspec.Struct, frozen=True):
     action: tuple[ActionField, ...]
     control_rate_hz: float
     euler_steps: int
-    dynamics: Dynamics
+    motion: MotionModel
     body: Body
     training: Training | None = None
     start: FlowStart = "noise"
@@ -73,7 +44,7 @@ class Facts(Spaces, msgspec.Struct, frozen=True):
             control_rate_hz=self.control_rate_hz,
             euler_steps=self.euler_steps,
             network=network,
-            dynamics=self.dynamics,
+            motion=self.motion,
             body=self.body,
             training=self.training,
             files=files,
@@ -81,40 +52,46 @@ class Facts(Spaces, msgspec.Struct, frozen=True):
         )
 
 
-class _Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    low: float
-    high: float
-
-
-class _FactsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    observation: tuple[str, ...]
+class _FactsFile(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    observation: tuple[str | Table, ...]
     control_rate_hz: float
     euler_steps: int
-    action: _Limits
-    dynamics: Dynamics
+    action: tuple[ActionField, ...]
+    motion: MotionModel
     body: Body
 
 
 def read_facts(path: Path) -> Facts:
-    """Read the TOML file of which `FACTS_TEMPLATE` is an example.
+    """Read a TOML file such as `export.bundle.facts_template` prints.
 
     Raises:
         ConfigError: if the file cannot be read or a key is missing, unknown or of the wrong type.
         BundleError: if a value fits no robot; names the key and what fits.
     """
     file = to_record(read_toml(path), _FactsFile, path)
-    facts = Facts(
-        observation=tuple(
-            ObservationField(name, observation_size(name, file.body), OBSERVATION_UNITS.get(name, ""))
-            for name in file.observation
-        ),
-        action=tuple(
-            ActionField(name, unit, file.action.low, file.action.high) for name, unit in ACTION_UNITS.items()
-        ),
-        control_rate_hz=file.control_rate_hz,
-        euler_steps=file.euler_steps,
-        dynamics=file.dynamics,
-        body=file.body,
+    observation = tuple(
+        _field(
+            {"source": said} if isinstance(said, str) else said, file.extent, path, f"observation[{index}]"
+        )
+        for index, said in enumerate(file.observation)
     )
+    rest = {name: getattr(file, name) for name in file.__struct_fields__ if name != "observation"}
+    facts = Facts(observation, **rest)
     check_manifest(facts.manifest("facts", None, {GRAPH_FILE: "0" * 64}), str(path))
     return facts
+
+
+def _field(table: Table, extent: Extent, path: Path, key: str) -> ObservationField:
+    """A field of which the file need not say what its source says: a name, the unit, the size."""
+    known = {str(kind.__struct_config__.tag): kind for kind in SOURCES}
+    source = table.get("source")
+    kind = known.get(source) if isinstance(source, str) else None
+    if kind is None:
+        return to_record(table, ObservationField, path, key)  # says what is allowed
+    field = to_record({"name": source, "unit": kind.unit_here or "1", "size": 0, **table}, kind, path, key)
+    if "size" in table:
+        return field
+    size = field.components(extent)
+    if size is None:
+        refuse(path, f"{key}.size", f"missing: how many numbers {source!r} gives is for you to say")
+    return replace(field, size=size)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import BundleError
+from edge_runtime.observation import Ranges
 from edge_runtime.policy.agreement import TOLERANCE, largest_difference
 from export.bundle.facts import Facts
 
@@ -40,7 +41,7 @@ def random_inputs(facts: Facts, count: int = SAMPLES, seed: int = 0) -> Inputs:
     generator = np.random.default_rng(seed)
     fields = []
     for field in facts.observation:
-        if field.name in ("proximity", "ranges"):
+        if isinstance(field, Ranges):
             fields.append(generator.uniform(0.0, facts.body.lidar_range_m, (count, field.size)))
         else:
             fields.append(generator.normal(0.0, 1.0, (count, field.size)))

@@ -14,7 +14,7 @@ from onnx import ModelProto
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, digest_line, load_bundle
-from edge_runtime.policy.manifest import Network
+from edge_runtime.policy.manifest import Manifest, Network
 from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
 from edge_runtime.policy.weight_file import pack_weights
 from edge_runtime.policy.weights import FlowWeights
@@ -58,7 +58,7 @@ def write_bundle(
 
     Args:
         draft: an empty directory; its last part names the policy.
-        facts: what the manifest says of fields, dynamics and origin.
+        facts: what the manifest says of fields, motion and origin.
         graph: velocity and Jacobian.
         weights: the same field for the numpy runtime; None where only onnxruntime can compute it.
         inputs: where the forms are compared.
@@ -82,11 +82,16 @@ def _write_files(draft: Path, facts: Facts, graph: ModelProto, weights: FlowWeig
         contents[WEIGHTS_FILE] = pack_weights(weights)
         network = Network(weights.activation, weights.hidden, weights.prior_std)
     digests = {file: hashlib.sha256(content).hexdigest() for file, content in contents.items()}
-    manifest = msgspec.json.format(msgspec.json.encode(facts.manifest(draft.name, network, digests))) + b"\n"
-    contents[MANIFEST_FILE] = manifest
-    contents[DIGEST_FILE] = digest_line(manifest)
     for file, content in contents.items():
         (draft / file).write_bytes(content)
+    write_manifest(draft, facts.manifest(draft.name, network, digests))
+
+
+def write_manifest(directory: Path, manifest: Manifest) -> None:
+    """Write a bundle's manifest, and the digest of it; the files that it names are there already."""
+    encoded = msgspec.json.format(msgspec.json.encode(manifest)) + b"\n"
+    (directory / MANIFEST_FILE).write_bytes(encoded)
+    (directory / DIGEST_FILE).write_bytes(digest_line(encoded))
 
 
 def _checked(bundle: Bundle, inputs: Inputs, expected: Floats) -> float:

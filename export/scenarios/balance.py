@@ -9,8 +9,15 @@ from torch import Tensor
 from vmas.scenarios.balance import Scenario as VmasBalance
 from vmas.simulator.core import Agent
 
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import PointForce
+from edge_runtime.observation import (
+    TrackedGoalOffset,
+    TrackedHeading,
+    TrackedOffset,
+    TrackedVelocity,
+    TrackedYawRate,
+)
 from export.scenarios.balance_starts import (
     LINE_LENGTH_M,
     PACKAGE_RADIUS_M,
@@ -19,7 +26,7 @@ from export.scenarios.balance_starts import (
     draw_starts,
 )
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed, simulate
+from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
 
 FORCE_MULTIPLIER = 0.7
 """Newtons that VMAS makes of one unit of action, on a robot of 1 kg."""
@@ -45,18 +52,19 @@ HOLD_STIFFNESS_PER_M = 10.0
 FACTS = ScenarioFacts(
     name="balance",
     robots=ROBOTS,
-    observation=observed(
-        ("package_offset", 2, "m"),
-        ("line_offset", 2, "m"),
-        ("package_goal_offset", 2, "m"),
-        ("package_velocity", 2, "m/s"),
-        ("line_velocity", 2, "m/s"),
-        ("line_angular_velocity", 1, "rad/s"),
-        ("line_sin_2_angle", 1, "1"),
+    observation=(
+        *OWN_MOTION,
+        TrackedOffset("package_offset", 2, "m", object="package"),
+        TrackedOffset("line_offset", 2, "m", object="line"),
+        TrackedGoalOffset("package_goal_offset", 2, "m", object="package"),
+        TrackedVelocity("package_velocity", 2, "m/s", object="package"),
+        TrackedVelocity("line_velocity", 2, "m/s", object="line"),
+        TrackedYawRate("line_angular_velocity", 1, "rad/s", object="line"),
+        TrackedHeading("line_sin_2_angle", 1, "1", object="line", symmetry=2, only="sine"),
     ),
     action=FORCES,
     # The multiplier is stated as inertia: one newton moves 1 / 0.7 kg as VMAS' 0.7 N move 1 kg.
-    dynamics=Dynamics(mass_kg=1.0 / FORCE_MULTIPLIER, drag=0.25, dt_s=0.1, substeps=1),
+    motion=PointForce(mass_kg=1.0 / FORCE_MULTIPLIER, drag=0.25, dt_s=0.1, substeps=1),
     body=Body(radius_m=RADIUS_M, lidar_rays=0, lidar_range_m=0.0),
     training_steps=200,
     evaluation_steps=300,

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from edge_runtime.policy.manifest import Body
+from edge_runtime.motion.body import Body
 
 
 def disc_ranges(position: Tensor, body: Body) -> Tensor:

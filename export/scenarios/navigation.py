@@ -7,10 +7,11 @@ vectorised reset, which draws from the same distribution.
 import torch
 from torch import Tensor
 
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import PointForce
+from edge_runtime.observation import GoalOffset, Proximity
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed, simulate
+from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
 
 ROBOTS = 4
 RADIUS_M = 0.1
@@ -31,9 +32,9 @@ states that guidance leads to and that it would not enter by itself."""
 FACTS = ScenarioFacts(
     name="navigation",
     robots=ROBOTS,
-    observation=observed(("goal_offset", 2, "m"), ("proximity", 12, "m")),
+    observation=(*OWN_MOTION, GoalOffset("goal_offset", 2, "m"), Proximity("proximity", 12, "m")),
     action=FORCES,
-    dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
+    motion=PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.35),
     training_steps=100,
     evaluation_steps=200,

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.objectives import Objective
-from edge_runtime.policy.manifest import ObservationField
+from edge_runtime.observation import Constant
 from export.scenarios.definitions import DEFINITIONS
 from export.scenarios.scenario import EpisodeMetrics, Scenario, ScenarioFacts, Transition
 from export.scenarios.violations import violations
@@ -33,10 +33,13 @@ what a good policy earns in a step, untuned.
 def with_preference(facts: ScenarioFacts) -> ScenarioFacts:
     """Append the field ``preference``: the task's weight, then one for each of its M objectives.
 
+    Robots prefer them alike, as in validation.
+
     Raises:
         ConfigError: if the task has no execution objectives.
     """
-    field = ObservationField("preference", 1 + len(_objectives(facts.name)), "1")
+    weights = 1 + len(_objectives(facts.name))
+    field = Constant("preference", weights, "1", values=(1.0 / weights,) * weights)
     return replace(facts, observation=(*facts.observation, field))
 
 

@@ -8,12 +8,13 @@ import torch
 from torch import Tensor
 from vmas.scenarios.sampling import Scenario as VmasSampling
 
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import Body
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import PointForce
+from edge_runtime.observation import Ranges, Sensor
 from export.scenarios.lidar import disc_ranges
 from export.scenarios.sample_field import BUMPS, HALF_WIDTH_M, SampleField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
-from export.scenarios.vmas_teams import FORCES, State, VmasTeams, observed
+from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams
 
 ROBOTS = 3
 RADIUS_M = 0.025
@@ -34,9 +35,13 @@ FULL_SCORE_RETURN = 150.0
 FACTS = ScenarioFacts(
     name="sampling",
     robots=ROBOTS,
-    observation=observed(("ranges", 12, "m"), ("nearby_samples", 8, "1")),
+    observation=(
+        *OWN_MOTION,
+        Ranges("ranges", 12, "m"),
+        Sensor("nearby_samples", 8, "1", sensor="nearby_samples"),
+    ),
     action=FORCES,
-    dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1),
+    motion=PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1),
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.2, lidar_start_rad=0.05),
     training_steps=100,
     evaluation_steps=100,

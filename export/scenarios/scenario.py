@@ -6,8 +6,10 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.policy.manifest import ActionField, Body, ObservationField, Spaces
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import MotionModel
+from edge_runtime.observation import ObservationField
+from edge_runtime.policy.manifest import ActionField, Spaces
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class ScenarioFacts(Spaces):
     """Length of a training episode, in control steps; the critic bootstraps beyond it."""
     evaluation_steps: int
     """Time limit of an evaluated episode, in control steps."""
-    dynamics: Dynamics
+    motion: MotionModel
     body: Body
     failure: str
     """What a failed episode is called: ``collision``."""
@@ -32,7 +34,7 @@ class ScenarioFacts(Spaces):
     @property
     def control_rate_hz(self) -> float:
         """Control steps in a second."""
-        return 1.0 / self.dynamics.dt_s
+        return 1.0 / self.motion.dt_s
 
 
 @dataclass(frozen=True)

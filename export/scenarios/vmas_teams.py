@@ -9,18 +9,16 @@ from vmas.simulator.core import Agent
 from vmas.simulator.environment import Environment
 from vmas.simulator.scenario import BaseScenario
 
-from edge_runtime.policy.manifest import ActionField, ObservationField
+from edge_runtime.observation import Position, Velocity
+from edge_runtime.policy.manifest import ActionField
 from export.scenarios.scenario import ScenarioFacts
 
 State = dict[str, Tensor]
 """What decides an episode's future besides chance, by name; the first dimension is that of the B teams."""
 
 FORCES = (ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0))
-
-
-def observed(*others: tuple[str, int, str]) -> tuple[ObservationField, ...]:
-    """Return the fields of an observation: a robot's own motion, then others by name, size and unit."""
-    return tuple(ObservationField(*each) for each in (("position", 2, "m"), ("velocity", 2, "m/s"), *others))
+OWN_MOTION = (Position("position", 2, "m"), Velocity("velocity", 2, "m/s"))
+"""What every robot observes first."""
 
 
 def simulate(

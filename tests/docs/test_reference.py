@@ -14,6 +14,7 @@ from edge_runtime.config.fleet import Team
 from edge_runtime.config.network import CarrierSettings, Robot
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import BUILT_IN
+from edge_runtime.observation import SOURCES
 from edge_runtime.recording.schema import CHANNELS
 from firmware_bridge.can.profile import Feedback, Profile
 from firmware_bridge.sil.scenario.faults import KINDS
@@ -24,6 +25,7 @@ RECORDS = {
     "objectives": BUILT_IN,
     "profile-file": (Feedback, Profile),
     "sil-files": (*KINDS, RunLimits, MachineLimits),
+    "sources": SOURCES,
     "log": [record for _, record in CHANNELS.values()],
 }
 """Pages, and records whose keys they must have."""

@@ -14,10 +14,10 @@ from velocity_nets import Mlp, Normed, autograd, export
 from edge_runtime.policy.bundle import load_bundle
 from export import edge_export as export_policy
 from export.algorithms.networks import FlowNetwork
-from export.bundle.facts import FACTS_TEMPLATE
+from export.bundle.facts_template import facts_template
 from export.training.checkpoint import PolicyFacts, save_policy
 
-FACTS = FACTS_TEMPLATE.replace("lidar_rays = 12", "lidar_rays = 1")
+FACTS = facts_template().replace("lidar_rays = 12", "lidar_rays = 1")
 """Observations of seven numbers, as `velocity_nets.OBSERVATION`."""
 
 
@@ -134,4 +134,4 @@ def test_mistakes_on_the_command_line(edge_export, training_run, facts, tmp_path
 
 
 def test_facts_template_is_printed_as_it_is(edge_export):
-    assert edge_export("--print-facts-template") == (0, FACTS_TEMPLATE, "")
+    assert edge_export("--print-facts-template") == (0, facts_template() + "\n", "")

@@ -6,9 +6,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import PointForce
+from edge_runtime.observation import GoalOffset, Position, Proximity, Velocity
 from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, digest_line
-from edge_runtime.policy.manifest import BUNDLE_FORMAT, ActionField, Body, Manifest, Network, ObservationField
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, ActionField, Manifest, Network
 from edge_runtime.policy.weight_file import pack_weights
 from edge_runtime.policy.weights import FlowWeights
 
@@ -17,16 +19,16 @@ MANIFEST = Manifest(
     name="straight",
     runtime="numpy",
     observation=(
-        ObservationField("position", 2, "m"),
-        ObservationField("velocity", 2, "m/s"),
-        ObservationField("goal_offset", 2, "m"),
-        ObservationField("proximity", 12, "m"),
+        Position("position", 2, "m"),
+        Velocity("velocity", 2, "m/s"),
+        GoalOffset("goal_offset", 2, "m"),
+        Proximity("proximity", 12, "m"),
     ),
     action=(ActionField("force_x", "N", -1.0, 1.0), ActionField("force_y", "N", -1.0, 1.0)),
     control_rate_hz=10.0,
     euler_steps=10,
     network=Network("tanh", (2,), None),
-    dynamics=Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
+    motion=PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
     body=Body(radius_m=0.1, lidar_rays=12, lidar_range_m=0.35),
     training=None,
     files={},

@@ -12,9 +12,11 @@ from edge_runtime.common.command_line import CommandParser, check_output, comman
 from edge_runtime.common.printable import printed
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set, own_objective
+from edge_runtime.config.own_sources import add_own_source, load_own_sources
 from edge_runtime.errors import BundleError, ConfigError, EdgeError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.observation import Source
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import LoggedObjectiveSet, Record, Start, Tick
@@ -62,7 +64,8 @@ def make_parser() -> CommandParser:
         metavar="MODULE:CLASS",
         help="an objective of your own that the log may name, from this folder or installed; repeatable",
     )
-    add("--fleet", type=Path, metavar="FILE", help="fleet file, whose own objectives the log may name")
+    add_own_source(parser)
+    add("--fleet", type=Path, metavar="FILE", help="fleet file, whose own code the log may name")
     add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been")
     return parser
 
@@ -107,16 +110,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if any(result.differing or result.damage for result in results) else 0
 
 
-def _own(flags: argparse.Namespace) -> tuple[type[Objective], ...]:
-    """The own objectives that the user names, and nobody else."""
-    named = load_fleet(flags.fleet).objective_set.objectives if flags.fleet else ()
-    kinds = [own_objective(name, Path.cwd(), f"--own {name}") for name in flags.own]
-    return (*kinds, *(type(objective) for objective in named if type(objective) not in BUILT_IN))
+@dataclass(frozen=True)
+class OwnCode:
+    """What of the user's own may run: what the user names, and nobody else."""
+
+    objectives: tuple[type[Objective], ...]
+    sources: tuple[type[Source], ...]
 
 
-def _attempt(
-    path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: tuple[type[Objective], ...]
-) -> ReplayResult:
+def _own(flags: argparse.Namespace) -> OwnCode:
+    objectives = [own_objective(name, Path.cwd(), f"--own {name}") for name in flags.own]
+    fleet = load_fleet(flags.fleet) if flags.fleet else None
+    if fleet is not None:
+        kinds = map(type, fleet.objective_set.objectives)
+        objectives += [kind for kind in kinds if kind not in BUILT_IN]
+    return OwnCode(tuple(objectives), load_own_sources(fleet, flags.own_source))
+
+
+def _attempt(path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: OwnCode) -> ReplayResult:
     """Replay one log; one that is refused hides no other's verdict."""
     try:
         return _replay(path, asked, instead, own)
@@ -124,22 +135,20 @@ def _attempt(
         return ReplayResult(path, refusal=str(error))
 
 
-def _replay(
-    path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: tuple[type[Objective], ...]
-) -> ReplayResult:
+def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own: OwnCode) -> ReplayResult:
     result, replay = ReplayResult(path), None
     for record in _with_progress(read_log(path), path):
         if isinstance(record, Start):
             result.start = printed(record)
             bundle = asked or _recorded_bundle(record, path)
-            replay = Replay(record, bundle, *recorded_policy(record, bundle))
+            replay = Replay(record, bundle, *recorded_policy(record, bundle), own.sources)
             result.replay = replay
             if instead is not None or bundle.sha256 != record.bundle.sha256:
                 result.answer = Answer(record)
             if instead is not None:
                 replay.follow(instead)
         elif isinstance(record, LoggedObjectiveSet) and replay is not None and instead is None:
-            replay.follow(recorded_objectives(record, path, own))
+            replay.follow(recorded_objectives(record, path, own.objectives))
         elif isinstance(record, Tick) and replay is not None:
             _judge(result, record, replay)
         elif isinstance(record, Damage):

@@ -15,8 +15,9 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from edge_runtime.common.own_code import own_name
 from edge_runtime.common.processor import processor
-from edge_runtime.config.objectives import make_objective_set, own_name
+from edge_runtime.config.objectives import make_objective_set
 from edge_runtime.control.limits import RobotLimits, limited
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
@@ -24,11 +25,12 @@ from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
+from edge_runtime.observation import Source
 from edge_runtime.observation.familiarity import Familiarity, Unfamiliar
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import adapt
 from edge_runtime.policy.backend import BACKENDS, Backend
-from edge_runtime.policy.bundle import Bundle
+from edge_runtime.policy.bundle import MANIFEST_FILE, Bundle
 from edge_runtime.policy.compiled_policy import CompiledPolicy, compiled_engines
 from edge_runtime.policy.velocity_field import VelocityField
 from edge_runtime.recording.json_codec import encode
@@ -62,12 +64,20 @@ class Replay:
         bundle: the policy.
         policy: that policy on a backend, see `recorded_policy`.
         tolerance: how far numbers may lie apart; 0 for not at all.
+        own: the sources of the user's own that may run here.
 
     Raises:
-        PolicyError: if the policy observes something that a log does not hold.
+        ConfigError: if the policy observes by other code of somebody's own.
     """
 
-    def __init__(self, start: Start, bundle: Bundle, policy: VelocityField, tolerance: float = 0.0) -> None:
+    def __init__(
+        self,
+        start: Start,
+        bundle: Bundle,
+        policy: VelocityField,
+        tolerance: float = 0.0,
+        own: Collection[type[Source]] = (),
+    ) -> None:
         self.tolerance = tolerance
         self.unfamiliar: Counter[str] = Counter()
         """Ticks whose observation was outside of what training had, by the worst field."""
@@ -76,7 +86,13 @@ class Replay:
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
         adaptation = start.settings.adaptation
         bundle = adapt(bundle, adaptation)
-        self._observer = Observer(bundle.manifest, robots[start.robot_id].goal_m, adaptation.scale_m)
+        self._observer = Observer(
+            bundle.manifest,
+            robots[start.robot_id].goal_m,
+            adaptation.scale_m,
+            own=own,
+            path=str(bundle.directory / MANIFEST_FILE),
+        )
         self._familiarity = Familiarity(bundle.manifest.observation)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
@@ -88,14 +104,17 @@ class Replay:
 
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""
-        values = self._observer.observe(tick.state)[0]
+        inputs = tick.inputs
+        values = self._observer.observe(tick.state, inputs.previous_action, inputs.elapsed_s)[0]
         field = self._familiarity.strangest(values)
         if field:
             self.unfamiliar[field] += 1
         return Observation(tuple(values.tolist()), field, tick.observation.unfamiliar_s if field else 0.0)
 
     def act(self, tick: Tick, observation: Observation) -> GuidedAction:
-        """The action for an observation, cut short where the recorded one was."""
+        """The action for what `observe` returned last, cut short where the recorded one was."""
+        if self._observer.fault:
+            return GuidedAction((0.0,) * self._manifest.action_dim, 0, fault=self._observer.fault)
         most_steps = tick.action.steps if tick.action.cut else None
         inputs = np.array([observation.values], np.float32)
         return guided_action(

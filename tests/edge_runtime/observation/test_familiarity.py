@@ -12,17 +12,17 @@ from msgspec.structs import replace
 
 from edge_runtime.errors import BundleError
 from edge_runtime.messages import RobotState, TeamState
+from edge_runtime.observation import Position, Ranges, Velocity
 from edge_runtime.observation.familiarity import Familiarity, Unfamiliar
-from edge_runtime.policy.manifest import ObservationField
 from edge_runtime.policy.schema import check_manifest
 from edge_runtime.run.edge_run import main as edge_run
 from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.replay.edge_replay import main as edge_replay
 
 FIELDS = (
-    ObservationField("position", 2, "m", ((-1.0, 1.0), (-1.0, 1.0))),
-    ObservationField("velocity", 2, "m/s"),
-    ObservationField("ranges", 3, "m", ((0.0, 0.35),) * 3),
+    Position("position", 2, "m", ((-1.0, 1.0), (-1.0, 1.0))),
+    Velocity("velocity", 2, "m/s"),
+    Ranges("ranges", 3, "m", ((0.0, 0.35),) * 3),
 )
 number = st.floats(-3.0, 3.0, width=32)
 

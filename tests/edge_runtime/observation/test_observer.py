@@ -10,8 +10,8 @@ from observation_scenes import ROBOTS, TEAMS, scenes, vmas_observations
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.observation import GoalOffset, Position
 from edge_runtime.observation.observer import Observer
-from edge_runtime.policy.manifest import ObservationField
 
 
 def team_state(position, velocity, robot):
@@ -39,16 +39,10 @@ def test_scenes_reach_into_discs():
 
 
 def test_fields_follow_the_manifest():
-    fields = (ObservationField("goal_offset", 2, "m"), ObservationField("position", 2, "m"))
+    fields = (GoalOffset("to_go", 2, "m"), Position("place", 2, "m"))
     observer = Observer(replace(MANIFEST, observation=fields), (1.0, 2.0))
     own = RobotState(0, 0.0, (0.25, 0.5), (0.0, 0.0))
     np.testing.assert_array_equal(observer.observe(TeamState(own)), [[-0.75, -1.5, 0.25, 0.5]])
-
-
-def test_a_field_without_a_source_is_refused():
-    fields = (ObservationField("position", 2, "m"), ObservationField("nearby_samples", 8, "1"))
-    with pytest.raises(PolicyError, match="observes nearby_samples, for which robots have no source yet"):
-        Observer(replace(MANIFEST, observation=fields), (0.0, 0.0))
 
 
 def test_a_real_sensor_takes_the_place_of_the_computed_one():

@@ -117,4 +117,4 @@ def test_packaged_bundles_are_listed(monkeypatch, tmp_path):
 
 def test_key_that_no_manifest_has(directory):
     edit_manifest(directory, "speed", 3)
-    assert "unknown field `speed`" in refusal(directory)
+    assert "speed: unknown key; allowed: format, name, runtime" in refusal(directory)

@@ -9,6 +9,7 @@ from edge_runtime.messages import (
     LONGEST_ACTION,
     Command,
     GuidedAction,
+    Reading,
     RobotState,
     Teammate,
     TeamState,
@@ -25,15 +26,25 @@ vectors = st.lists(floats, min_size=1, max_size=LONGEST_ACTION).map(tuple)
 many = st.lists(floats, max_size=4).map(tuple)
 states = st.builds(RobotState, st.integers(0, 9), floats, places, places, floats, floats)
 mates = st.lists(st.builds(Teammate, states, vectors, floats), max_size=3).map(tuple)
-tracked = st.builds(TrackedObject, st.text(), floats, places, places, floats, floats, floats)
+tracked = st.builds(
+    TrackedObject, st.text(), floats, places, places, floats, floats, floats, st.none() | places
+)
+readings = st.builds(Reading, st.text(), many)
 teams = st.builds(
-    TeamState, states, mates, st.text(), st.none() | many, mates, st.lists(tracked, max_size=2).map(tuple)
+    TeamState,
+    states,
+    mates,
+    st.text(),
+    st.none() | many,
+    mates,
+    st.lists(tracked, max_size=2).map(tuple),
+    st.lists(readings, max_size=2).map(tuple),
 )
 actions = st.builds(GuidedAction, vectors, st.integers(0, 9), many, correction=vectors, cut=st.booleans())
 commands = st.builds(Command, st.integers(0, 9), numbers, floats, vectors, places, floats, st.text())
 ticks = st.builds(
     Tick,
-    st.builds(Inputs, numbers, floats, numbers, numbers, vectors, vectors),
+    st.builds(Inputs, numbers, floats, numbers, numbers, vectors, vectors, floats),
     teams,
     st.builds(Observation, st.lists(st.floats(width=32), max_size=9).map(tuple), st.text(), floats),
     actions,
@@ -60,6 +71,7 @@ def packet_of(record, buffer):
             inputs.objectives_version,
             inputs.start,
             inputs.previous_action,
+            inputs.elapsed_s,
             record.state,
             seen,
             record.action,

@@ -18,7 +18,7 @@ from export.bundle.writer import bundle_draft, write_bundle
 from export.onnx.graph import velocity_graph
 from export.onnx.jacobian import with_jacobian
 
-FACTS = Facts(MANIFEST.observation, MANIFEST.action, 10.0, 10, MANIFEST.dynamics, MANIFEST.body)
+FACTS = Facts(MANIFEST.observation, MANIFEST.action, 10.0, 10, MANIFEST.motion, MANIFEST.body)
 WEIGHTS = random_weights(hidden=(16, 16))
 GRAPH = with_jacobian(velocity_graph(WEIGHTS))
 INPUTS = random_inputs(FACTS)
@@ -99,7 +99,7 @@ def test_manifest_that_no_robot_accepts_is_not_written(tmp_path):
     with pytest.raises(BundleError, match="control_rate_hz is 0"):
         write(
             tmp_path / "mine",
-            facts=Facts(FACTS.observation, FACTS.action, 0.0, 10, FACTS.dynamics, FACTS.body),
+            facts=Facts(FACTS.observation, FACTS.action, 0.0, 10, FACTS.motion, FACTS.body),
         )
     assert not list(tmp_path.iterdir())
 

@@ -9,7 +9,8 @@ from velocity_nets import Mlp, export
 from edge_runtime.common.bounded_child import Bounds
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.bundle import load_bundle
-from export.bundle.facts import FACTS_TEMPLATE, read_facts
+from export.bundle.facts import read_facts
+from export.bundle.facts_template import facts_template
 from export.onnx.importing import import_graph
 
 op = helper.make_node
@@ -19,7 +20,7 @@ BOUNDS = Bounds(seconds=60, memory_mib=512)
 @pytest.fixture
 def facts(tmp_path):
     (tmp_path / "facts.toml").write_text(
-        FACTS_TEMPLATE.replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]')
+        facts_template().replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]')
     )
     return read_facts(tmp_path / "facts.toml")
 
@@ -37,7 +38,7 @@ def refusal(model, tmp_path, facts, bounds=BOUNDS):
 
 
 def test_a_sound_graph(tmp_path):
-    (tmp_path / "facts.toml").write_text(FACTS_TEMPLATE.replace("lidar_rays = 12", "lidar_rays = 1"))
+    (tmp_path / "facts.toml").write_text(facts_template().replace("lidar_rays = 12", "lidar_rays = 1"))
     graph = export(Mlp(), tmp_path / "net.onnx")
     imported = import_graph(graph, read_facts(tmp_path / "facts.toml"), tmp_path / "out" / "mine")
     assert imported.how == "numpy"

@@ -2,14 +2,14 @@
 
 from itertools import product
 
+import numpy as np
 import pytest
 import torch
 import vmas
+from msgspec.structs import replace
 
-from edge_runtime.errors import PolicyError
+from edge_runtime.messages import RobotState, TeamState, TrackedObject
 from edge_runtime.observation.observer import Observer
-from edge_runtime.policy.schema import GRAPH_FILE, check_manifest
-from export.bundle.facts import Facts
 from export.scenarios import make_scenario
 from export.scenarios.balance import (
     FACTS,
@@ -94,19 +94,25 @@ def test_steps_and_rewards_are_those_of_vmas(training):
         assert torch.equal(transition.succeeded | transition.failed, done)
 
 
-def test_a_policy_can_be_exported_and_no_robot_drives_it_without_a_source_for_the_scene():
-    facts = Facts(
-        observation=FACTS.observation,
-        action=FACTS.action,
-        control_rate_hz=FACTS.control_rate_hz,
-        euler_steps=10,
-        dynamics=FACTS.dynamics,
-        body=FACTS.body,
-    )
-    manifest = facts.manifest("balance", None, {GRAPH_FILE: "0" * 64})
-    check_manifest(manifest, "manifest.json")
-    with pytest.raises(PolicyError, match="observes package_offset, line_offset, package_goal_offset"):
-        Observer(manifest, (0.0, 0.0))
+def tracked(name, state, goal_m=None):
+    """One of the scene's things as a robot is told of it."""
+    angle, turning = state.get(f"{name}_angle"), state.get(f"{name}_angular_velocity")
+    motion = (tuple(state[key][0].tolist()) for key in (name, f"{name}_velocity"))
+    heading = () if angle is None else (angle.item(), turning.item())
+    return replace(TrackedObject(name, 0.0, *motion, *heading), goal_m=goal_m)
+
+
+def test_robots_observe_tracked_objects_as_training_observed_the_scene():
+    scenario = balance(1, training=True)
+    for _ in range(5):
+        scenario.step(torch.rand(1, ROBOTS, 2) * 2 - 1)
+    state, expected = scenario.state_dict(), scenario.observe()[0].numpy()
+    objects = tracked("package", state, tuple(state["goal"][0].tolist())), tracked("line", state)
+    for robot in range(ROBOTS):
+        motion = (tuple(state[key][0, robot].tolist()) for key in ("position", "velocity"))
+        view = TeamState(RobotState(robot, 0.0, *motion), tracked=objects)
+        found = Observer(FACTS, (0.0, 0.0)).observe(view)[0]
+        np.testing.assert_allclose(found, expected[robot], atol=1e-6)
 
 
 def test_motion_is_what_the_policy_observes_of_itself():

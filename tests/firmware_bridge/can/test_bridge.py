@@ -20,9 +20,10 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.body import Body
+from edge_runtime.motion.models import PointForce
 from edge_runtime.policy.bundle import packaged_bundle
-from edge_runtime.policy.manifest import ActionField, Body, Manifest
+from edge_runtime.policy.manifest import BUNDLE_FORMAT, ActionField, Manifest
 from firmware_bridge.can.bridge import add_arguments, make_spec, open_bridge, options_from
 from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
@@ -34,7 +35,7 @@ from firmware_bridge.guard.link import SetpointLimits
 
 ACTION = (ActionField("x", "N", -1.0, 1.0), ActionField("y", "N", -2.0, 0.5))
 MANIFEST = Manifest(
-    "cfpg-bundle/1",
+    BUNDLE_FORMAT,
     "m",
     "numpy",
     (),
@@ -42,7 +43,7 @@ MANIFEST = Manifest(
     20.0,
     10,
     None,
-    Dynamics(1.0, 0.25, 0.1),
+    PointForce(1.0, 0.25, 0.1),
     Body(0.1, 0, 0.0),
     None,
     {},

@@ -8,7 +8,8 @@ from onnx import TensorProto, helper, numpy_helper
 from velocity_graphs import graph_of
 
 from edge_runtime.common.bounded_child import Bounds
-from export.bundle.facts import FACTS_TEMPLATE, read_facts
+from export.bundle.facts import read_facts
+from export.bundle.facts_template import facts_template
 from export.onnx.importing import import_graph
 from hostile.values import change_bytes
 
@@ -53,7 +54,7 @@ BASES = [
 
 
 def prepare(folder):
-    facts = FACTS_TEMPLATE.replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]')
+    facts = facts_template().replace('["position", "velocity", "goal_offset", "proximity"]', '["position"]')
     (folder / "facts.toml").write_text(facts)
     return folder, read_facts(folder / "facts.toml")
 

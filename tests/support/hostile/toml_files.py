@@ -8,7 +8,8 @@ from paths import ROOT
 
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.objectives import load_objective_set
-from export.bundle.facts import FACTS_TEMPLATE, read_facts
+from export.bundle.facts import read_facts
+from export.bundle.facts_template import facts_template
 from firmware_bridge.can.profile import PROFILES, load_profile
 from firmware_bridge.sil.scenario.faults import load_faults
 from firmware_bridge.sil.scenario.limits import load_limits
@@ -77,7 +78,7 @@ def prepare(folder):
     bases = [(load_fleet, file.read_text()) for file in FLEETS.glob("*.toml")]
     bases += [(load_profile, file.read_text()) for file in PROFILES.glob("*.toml")]
     limits = (ROOT / "firmware_bridge" / "sil" / "scenario" / "limits.toml").read_text()
-    bases += [(load_objective_set, OBJECTIVES), (read_facts, FACTS_TEMPLATE), (load_limits, limits)]
+    bases += [(load_objective_set, OBJECTIVES), (read_facts, facts_template()), (load_limits, limits)]
     (folder / "objectives.toml").write_text(OBJECTIVES)
     bases += [(partial(load_faults, robots=(0, 1), duration_s=10.0, bridge="can"), FAULTS)]
     return folder / "case.toml", bases

@@ -1,0 +1,74 @@
+"""Sources that tell of the nearest teammates: nearest first, zero where there are fewer.
+
+Masked ones count as they are known, at rest: they are in the way still.
+"""
+
+import math
+from typing import Annotated, ClassVar
+
+import msgspec
+
+from edge_runtime.common.bounds import MOST_ROBOTS
+from edge_runtime.messages import RobotState, Vector
+from edge_runtime.observation.source import Extent, Frame, Source, View, apart, in_frame
+
+
+class _Nearest(Source, frozen=True, kw_only=True):
+    count: Annotated[int, msgspec.Meta(ge=1, le=MOST_ROBOTS)]
+    """Of how many teammates."""
+
+    def components(self, extent: Extent) -> int:
+        """One an axis and teammate."""
+        return self.count * extent.dims
+
+    def nearest(self, view: View) -> list[RobotState]:
+        """At most ``count`` teammates' states; of two that are equally near the lower id comes first."""
+        own, team = view.team.own.position_m, view.team
+        states = [mate.state for mate in team.teammates + team.silent]
+        states.sort(key=lambda state: (math.dist(own, state.position_m), state.robot_id))
+        return states[: self.count]
+
+    def padded(self, values: list[float]) -> list[float]:
+        """Zeros up to the field's size."""
+        return values + [0.0] * (self.size - len(values))
+
+
+class TeammateOffsets(_Nearest, frozen=True, kw_only=True, tag="teammate_offsets"):
+    """The robot's position minus each teammate's."""
+
+    unit_here: ClassVar[str] = "m"
+    frame: Frame = "team"
+
+    def read(self, view: View) -> list[float]:
+        """Along the axes of ``frame``."""
+        own = view.team.own.position_m
+        offsets = (apart(own, state.position_m) for state in self.nearest(view))
+        return self.padded([value for offset in offsets for value in in_frame(offset, self.frame, view)])
+
+
+class TeammateVelocities(_Nearest, frozen=True, kw_only=True, tag="teammate_velocities"):
+    """The robot's velocity minus each teammate's."""
+
+    unit_here: ClassVar[str] = "m/s"
+    frame: Frame = "team"
+
+    def read(self, view: View) -> list[float]:
+        """Along the axes of ``frame``."""
+        own = view.team.own.velocity_m_s
+        speeds = (apart(own, state.velocity_m_s) for state in self.nearest(view))
+        return self.padded([value for speed in speeds for value in in_frame(speed, self.frame, view)])
+
+
+class TeammatesPresent(_Nearest, frozen=True, kw_only=True, tag="teammates_present"):
+    """One for each teammate that the fields above tell of, zero where they are filled up."""
+
+    unit_here: ClassVar[str] = "1"
+
+    def components(self, extent: Extent) -> int:  # noqa: ARG002
+        """One a teammate."""
+        return self.count
+
+    def read(self, view: View) -> Vector:
+        """Nearest first."""
+        found = min(self.count, len(view.team.teammates) + len(view.team.silent))
+        return (1.0,) * found + (0.0,) * (self.count - found)
