@@ -18,6 +18,7 @@ COMMANDS = {
     "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
     "pictures": "benchmarks.pictures",
+    "rate": "benchmarks.rate",
     "recording": "benchmarks.recording.recording_command",
     "sil": "benchmarks.sil.sil_command",
 }

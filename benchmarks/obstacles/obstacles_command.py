@@ -13,16 +13,15 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from benchmarks.common.episode import ticks
 from benchmarks.common.flags import COUNT, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.obstacles.worlds import world
 from edge_runtime.common.flag_types import whole_number
 from edge_runtime.control.mission import Mission
 from edge_runtime.guidance.settings import ObjectiveSet
-from edge_runtime.messages import TeamState
 from edge_runtime.objectives import Objective, ObstacleMargin, SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import Bundle, packaged_bundle
-from firmware_bridge.simulation.bridge import open_bridge
 
 RESULTS: Final = Path(__file__).parents[1] / "results" / "obstacles.json"
 EPISODE_S: Final = 60.0
@@ -86,15 +85,10 @@ def drive(seed: int, bundle: Bundle, asked: ObjectiveSet) -> tuple[bool, bool]:
     """Drive through one world; returns whether all robots arrived, and whether anything was touched."""
     fleet = world(seed, asked)
     mission = Mission(0, fleet, bundle, asked, bundle.manifest.control_rate_hz, seed)
-    controller, goals = mission.controller(0), [robot.goal_m for robot in fleet.robots]
-    held = 0
-    with open_bridge(mission) as bridge:
-        for _ in range(round(EPISODE_S * mission.rate_hz)):
-            own = bridge.read()
-            team = TeamState(own, bridge.teammates(), ranges_m=bridge.ranges_m())
-            bridge.write(controller.decide(team, own.stamp_s))
-            away_m = np.linalg.norm(bridge.plant.position_m - goals, axis=-1)
-            held = held + 1 if away_m.max() <= fleet.team.goal_tolerance_m else 0
-            if held >= HOLD_S * mission.rate_hz:
-                break
-        return held >= HOLD_S * mission.rate_hz, bool(bridge.plant.touched)
+    goals, held = [robot.goal_m for robot in fleet.robots], 0
+    for bridge, _ in ticks(mission, EPISODE_S):
+        away_m = np.linalg.norm(bridge.plant.position_m - goals, axis=-1)
+        held = held + 1 if away_m.max() <= fleet.team.goal_tolerance_m else 0
+        if held >= HOLD_S * mission.rate_hz:
+            break
+    return held >= HOLD_S * mission.rate_hz, bool(bridge.plant.touched)

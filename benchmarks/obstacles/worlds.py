@@ -39,9 +39,9 @@ def world(seed: int, asked: ObjectiveSet) -> Fleet:
     """Draw the world of a seed, with a team that follows ``asked``."""
     draw = np.random.default_rng(seed)
     while True:
-        pillars = _scattered(draw, PILLARS, PILLARS_M, PILLARS_APART_M)
-        starts = _scattered(draw, ROBOTS, ARENA_M, STARTS_APART_M, pillars)
-        goals = _scattered(draw, ROBOTS, ARENA_M, GOALS_APART_M, pillars)
+        pillars = scattered(draw, PILLARS, PILLARS_M, PILLARS_APART_M)
+        starts = scattered(draw, ROBOTS, ARENA_M, STARTS_APART_M, pillars)
+        goals = scattered(draw, ROBOTS, ARENA_M, GOALS_APART_M, pillars)
         walkers = [walker for _ in range(_TRIES) if (walker := _walker(draw, pillars))][:WALKERS]
         if pillars and starts and goals and len(walkers) == WALKERS:
             break
@@ -50,7 +50,7 @@ def world(seed: int, asked: ObjectiveSet) -> Fleet:
     return Fleet(Path(f"world {seed}"), Team(), robots, asked, obstacles=obstacles)
 
 
-def _scattered(
+def scattered(
     draw: np.random.Generator, count: int, half_m: float, apart_m: float, pillars: Sequence[Vector2] = ()
 ) -> list[Vector2]:
     """Places in a square, apart from each other and from pillars; none where there is no room for all."""
