@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edge_runtime.common.command_line import CommandParser, command
+from edge_runtime.common.flag_types import whole_number
 from edge_runtime.errors import ConfigError
 from edge_runtime.observation import ObservationField
 from edge_runtime.policy.manifest import Training
+from edge_runtime.policy.signature import LARGEST_VERSION
 from export.algorithms.derivatives import evaluate_torch
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import Facts, read_facts
 from export.bundle.facts_template import facts_template
 from export.bundle.parity import SAMPLES, random_inputs
+from export.bundle.signer import Signer
 from export.bundle.upgrade import upgrade_bundle
 from export.bundle.writer import bundle_draft, write_bundle
 from export.onnx.graph import velocity_graph
@@ -33,6 +36,11 @@ examples:
   edge-export --print-facts-template > facts.toml
   edge-export --from-onnx velocity.onnx --facts facts.toml --out policies/mine
   edge-export --upgrade policies/old
+  edge-export runs/nav --out policies/navigation --sign release.key
+  edge-export --out policies/navigation --sign release.key      a bundle that is there already
+
+A key for --sign is a secret: (umask 077 && openssl rand -hex 32 > release.key). Robots whose fleet file names
+its public key, which is printed, in trusted_keys of [team] run nothing that is not signed by it.
 
 A graph for --from-onnx has the float inputs action (batch, d), tau (batch, 1), observation (batch, O) and
 computes the flow's velocity (batch, d). Where it is a plain SiLU or tanh MLP the robot needs only numpy,
@@ -75,6 +83,16 @@ def _run(arguments: argparse.Namespace) -> str:
         return upgrade_bundle(arguments.upgrade, _scenario_fields)
     if arguments.out is None:
         raise ConfigError("--out DIR is missing: the directory of the bundle to write")
+    if arguments.bundle_version is not None and arguments.sign is None:
+        raise ConfigError("--bundle-version goes with --sign: it is part of what is signed")
+    signer = Signer(arguments.sign, arguments.out, arguments.bundle_version) if arguments.sign else None
+    if signer and arguments.run is None and arguments.from_onnx is None:
+        return signer.sign()
+    told = _export(arguments)
+    return f"{told}\n{signer.sign()}" if signer else told
+
+
+def _export(arguments: argparse.Namespace) -> str:
     if (arguments.run is None) == (arguments.from_onnx is None):
         raise ConfigError("name either a training run or --from-onnx FILE")
     if arguments.from_onnx is None and arguments.facts is not None:
@@ -131,6 +149,14 @@ def make_parser() -> CommandParser:
         "--upgrade", type=Path, metavar="DIR", help="write this bundle's manifest anew, in today's format"
     )
     parser.add_argument("--force", action="store_true", help="replace an existing bundle")
+    parser.add_argument("--sign", type=Path, metavar="KEY", help="sign the bundle with this private key")
+    parser.add_argument(
+        "--bundle-version",
+        type=whole_number(1, LARGEST_VERSION),
+        metavar="N",
+        help="version to sign; robots run none that is older than what they ran "
+        "(default: one above that of the bundle which --out names, else 1)",
+    )
     parser.add_argument(
         "--print-facts-template", action="store_true", help="print a facts file to start from"
     )

@@ -1,5 +1,6 @@
 """The fleet file: TOML, validated once, every error names its key."""
 
+import re
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +16,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Vector2
 
+PUBLIC_KEY: Final = re.compile(r"[0-9a-f]{64}")
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""
 DEFAULT_FLEET: Final = Path(__file__).parents[1] / "fleets" / "navigation.toml"
@@ -25,6 +27,9 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     policy: str = "navigation"
     """A packaged policy's name, or the directory of a bundle, relative to the fleet file."""
+    trusted_keys: tuple[str, ...] = ()
+    """Public keys, 64 hexadecimal digits each: one of them must have signed the policy, as edge-export --sign
+    does. Where none are named, nobody asks."""
     rate_hz: float | None = None
     """Control rate; the policy's own where None."""
     scale_m: float = 1.0
@@ -44,6 +49,9 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     file, or are installed. No bundle makes other code run."""
 
     def __post_init__(self) -> None:
+        for key in self.trusted_keys:
+            if not PUBLIC_KEY.fullmatch(key):
+                raise ValueError(f"`trusted_keys` must be public keys of 64 hexadecimal digits, got {key!r}")
         positive = (1.0 / GREATEST, GREATEST)
         names = ("goal_tolerance_m", "slew_per_s", "max_action", "scale_m")
         check_bounds(self, dict.fromkeys(names, positive))

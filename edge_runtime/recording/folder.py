@@ -2,12 +2,12 @@
 
 import contextlib
 import fcntl
-import os
 import re
 import sys
 from pathlib import Path
 from typing import Final
 
+from edge_runtime.common.paths import state_folder
 from edge_runtime.common.regular_file import open_regular
 from edge_runtime.errors import ConfigError
 
@@ -16,20 +16,15 @@ _NAME: Final = re.compile(r"((?:(\d{6,})_)?\d{8}T\d{6}Z_robot\d+_[0-9a-f]{8})_(\
 
 
 def default_folder() -> Path:
-    """Return the user's own folder for logs, after the XDG base directory specification.
+    """Return the user's own folder for logs.
 
     Raises:
         ConfigError: if this system does not know where the user's files are.
     """
-    state = Path(os.environ.get("XDG_STATE_HOME", ""))
-    if not state.is_absolute():
-        try:
-            state = Path.home() / ".local" / "state"
-        except RuntimeError as error:
-            raise ConfigError(
-                "this user has no home directory; say with --log-dir where logs go, or --no-log"
-            ) from error
-    return state / "cfpg-edge" / "logs"
+    try:
+        return state_folder() / "logs"
+    except ConfigError as error:
+        raise ConfigError(f"{error}; say with --log-dir where logs go, or --no-log") from error
 
 
 def file_name(run: str, part: int) -> str:

@@ -12,6 +12,7 @@ from edge_runtime.common.command_line import begun, check_output, command, compl
 from edge_runtime.common.realtime import enter_realtime, switch_threads_often
 from edge_runtime.common.signals import StopSignals
 from edge_runtime.control.doubts import doubts
+from edge_runtime.control.trust import note_run
 from edge_runtime.errors import FailedError
 from edge_runtime.recording.recorder import open_record
 from edge_runtime.run.bridges import BRIDGES
@@ -69,6 +70,8 @@ def _open(
     # Entered last, left first: the robot is stopped before it leaves its team.
     fleet = opening.enter_context(open_fleet(mission, local))
     opening.enter_context(bridge)
+    if not flags.dry_run:
+        note_run(mission.bundle, mission.fleet, mission.robot_id)
     drive_robot = partial(
         run,
         mission,

@@ -15,6 +15,7 @@ from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.config.own_sources import add_own_source, load_own_sources
 from edge_runtime.control.mission import Mission, adapted
+from edge_runtime.control.trust import require_trusted
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.recording.flags import add_log_flags
@@ -57,6 +58,11 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
         help="TOML: team, robots, objectives, guidance",
     )
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
+    add(
+        "--allow-rollback",
+        action="store_true",
+        help="run a signed policy that is older than one that this robot has run",
+    )
     add(
         "--bridge",
         choices=tuple(BRIDGES),
@@ -157,6 +163,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)
+    require_trusted(bundle, fleet, robot.id, allow_rollback=flags.allow_rollback)
     bundle = adapted(bundle, robot, fleet.team)
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
     return Mission(

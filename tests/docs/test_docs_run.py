@@ -100,9 +100,10 @@ def give(page, folder, log):
     (folder / "one.toml").write_text(blocks(ROOT / "docs" / "first-robot-can.md", "toml")[0])
     (folder / "slow.toml").write_text(blocks(ROOT / "README.md", "toml")[0])
     (folder / "stay_north.py").write_text(blocks(ROOT / "README.md", "python")[0])
-    key = os.open(folder / "team.key", os.O_WRONLY | os.O_CREAT, 0o600)
-    os.write(key, secrets.token_hex(32).encode())
-    os.close(key)
+    for name in ("team.key", "release.key"):
+        key = os.open(folder / name, os.O_WRONLY | os.O_CREAT, 0o600)
+        os.write(key, secrets.token_hex(32).encode())
+        os.close(key)
     shutil.copy(log, folder / "run.mcap")
     (folder / "policies").mkdir()
     write_bundle(folder / "policies" / "new")

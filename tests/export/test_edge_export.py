@@ -12,6 +12,7 @@ from velocity_graphs import graph_of
 from velocity_nets import Mlp, Normed, autograd, export
 
 from edge_runtime.policy.bundle import load_bundle
+from edge_runtime.policy.signature import check_signature, read_signature
 from export import edge_export as export_policy
 from export.algorithms.networks import FlowNetwork
 from export.bundle.facts_template import facts_template
@@ -135,3 +136,35 @@ def test_mistakes_on_the_command_line(edge_export, training_run, facts, tmp_path
 
 def test_facts_template_is_printed_as_it_is(edge_export):
     assert edge_export("--print-facts-template") == (0, facts_template() + "\n", "")
+
+
+@pytest.fixture
+def key(tmp_path):
+    path = tmp_path / "release.key"
+    path.write_text("5a" * 32)
+    path.chmod(0o600)
+    return path
+
+
+def test_a_bundle_is_signed_and_counted_on(edge_export, training_run, tmp_path, key):
+    run, _ = training_run
+    target = tmp_path / "nav"
+    code, output, _ = edge_export(run, "--out", target, "--sign", key)
+    assert code == 0
+    first = check_signature(target, load_bundle(target).sha256, (read_signature(target).key,))
+    assert first.version == 1
+    assert f'trusted_keys = ["{first.key}"]' in output
+    assert edge_export(run, "--out", target, "--force", "--sign", key)[0] == 0
+    assert read_signature(target).version == 2
+    assert edge_export("--out", target, "--sign", key, "--bundle-version", 9)[0] == 0
+    assert read_signature(target).version == 9
+
+
+@pytest.mark.parametrize(("flags", "said"), [
+    (["--sign", "none.key"], "create it with"),
+    (["--bundle-version", "2"], "--bundle-version goes with --sign"),
+])  # fmt: skip
+def test_what_cannot_be_signed_is_not_exported(edge_export, training_run, tmp_path, flags, said):
+    code, _, complaint = edge_export(training_run[0], "--out", tmp_path / "nav", *flags)
+    assert code == 2 and said in complaint
+    assert not (tmp_path / "nav").exists()
