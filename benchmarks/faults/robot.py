@@ -58,10 +58,10 @@ class Robot(Closing, abc.ABC):
         self.heard: list[Heard] = []
         firmware.on_command = self.heard.append
         manifest = packaged_bundle("navigation").manifest
-        dynamics = msgspec.structs.replace(manifest.dynamics, drag=0.0)
-        most_n = self.braking_m_s2 * dynamics.mass_kg
+        motion = msgspec.structs.replace(manifest.motion, drag=0.0)
+        most_n = self.braking_m_s2 * motion.mass_kg
         action = tuple(msgspec.structs.replace(one, low=-most_n, high=most_n) for one in manifest.action)
-        manifest = msgspec.structs.replace(manifest, dynamics=dynamics, action=action)
+        manifest = msgspec.structs.replace(manifest, motion=motion, action=action)
         self._world = World([manifest], [(0.0, 0.0)], [0.0], ahead_m(self.name), STEP_S)
         self._node = FirmwareNode(firmware, wire)
         self._loop = FirmwareLoop(self._world, [self._node])

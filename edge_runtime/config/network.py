@@ -1,6 +1,7 @@
 """What a fleet file says about its robots and their network, and whether it holds together."""
 
 import ipaddress
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -9,7 +10,7 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.toml_file import refuse
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Place
 
 Endpoint = tuple[str, int]
 """IP address and port."""
@@ -20,10 +21,12 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: int
     """What frames, flags and reports call it; each robot's is its own."""
-    start_m: Vector2
+    start_m: Place
     """Where a simulated robot starts."""
-    goal_m: Vector2
+    goal_m: Place
     """Where it is to go, in the team's frame."""
+    start_heading_rad: float = 0.0
+    """Which way a simulated robot faces at first, counter-clockwise from x."""
     address: str | None = None
     """Where it listens in the team's network, such as ``10.0.0.12:47000``; see ``[carrier]``."""
     neighbours: tuple[int, ...] | None = None
@@ -60,6 +63,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for field in ("pose_place", "ranges_place", "sensor_places"):
             getattr(self, field)
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
+        check_bounds(self, {"start_heading_rad": (-2.0 * math.pi, 2.0 * math.pi)})
         positive = (1.0 / GREATEST, GREATEST)
         check_bounds(self, dict.fromkeys(("mass_kg", "slew_per_s", "max_action", "max_speed_m_s"), positive))
         if self.drag is not None and not 0.0 <= self.drag < 1.0:

@@ -62,6 +62,7 @@ class Mission:
 
     def __post_init__(self) -> None:
         self.fleet.robot(self.robot_id)
+        self._check_dims()
         self._check_apart("start_m")
         self._check_apart("goal_m")
         self._check_obstacles()
@@ -205,11 +206,24 @@ class Mission:
         for index, obstacle in enumerate(self.fleet.obstacles):
             least = obstacle.radius_m + self.bundle.manifest.body.radius_m
             for robot in self.fleet.robots:
-                distance = math.dist(obstacle.centre_m, robot.start_m)
+                distance = math.dist(obstacle.centre_m, robot.start_m[:2])
                 if distance < least:
                     raise ConfigError(
                         f"{self.fleet.path}: obstacle[{index}].centre_m: {distance:.3f} m from the start of "
                         f"robot {robot.id}; their discs need at least {least:g} m"
+                    )
+
+    def _check_dims(self) -> None:
+        """Refuse places of the plane for robots in space, and the other way round."""
+        dims = self.bundle.manifest.motion.dims
+        for index, robot in enumerate(self.fleet.robots):
+            for place in ("start_m", "goal_m"):
+                found = len(getattr(robot, place))
+                if found != dims:
+                    refuse(
+                        self.fleet.path,
+                        f"robots[{index}].{place}",
+                        f"has {found} components; allowed with policy {self.bundle.manifest.name!r}: {dims}",
                     )
 
     def _check_apart(self, place: str) -> None:

@@ -20,7 +20,7 @@ from typing import Final
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, MOST_OBJECTIVES, MOST_ROBOTS, RATE_HZ, check_bounds
-from edge_runtime.messages import Action, Command, GuidedAction, Integer, TeamState, Vector2
+from edge_runtime.messages import Action, Command, GuidedAction, Integer, Place, TeamState
 from edge_runtime.policy.adaptation import Adaptation
 
 LOG_FORMAT: Final = "cfpg-log/3"
@@ -67,8 +67,8 @@ class RobotPlace(msgspec.Struct, frozen=True):
     """One robot of the fleet."""
 
     robot_id: Integer
-    start_m: Vector2
-    goal_m: Vector2
+    start_m: Place
+    goal_m: Place
 
     def __post_init__(self) -> None:
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))

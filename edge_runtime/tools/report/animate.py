@@ -57,7 +57,7 @@ def scene_of(run: RunDigest) -> Scene:
         period_s=(run.time_s[-1] - run.time_s[0]) / max(1, len(run.time_s) - 1) or 1.0,
         position_m=motion[..., :2],
         velocity_m_s=motion[..., 2:],
-        goals_m=[place.goal_m for place in places],
+        goals_m=[(place.goal_m[0], place.goal_m[1]) for place in places],
         radius_m=run.start.bundle.radius_m,
         speed_limit_m_s=min((limit.value for limit in speeds), default=None),
         margin_m=max((limit.value for limit in margins), default=None),

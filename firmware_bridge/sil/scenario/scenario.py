@@ -162,11 +162,11 @@ def _check_clock() -> None:
 
 def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, network: Network) -> Station:
     robot = fleet.robot(robot_id)
-    to_goal = (robot.goal_m[0] - robot.start_m[0], robot.goal_m[1] - robot.start_m[1])
-    heading = math.atan2(to_goal[1], to_goal[0])
+    (x, y, *_), (goal_x, goal_y, *_) = robot.start_m, robot.goal_m
+    heading = math.atan2(goal_y - y, goal_x - x)
     number, port = network.wires[robot_id], network.ports[robot_id]
     wire = multicast_bus(number) if bridge == "can" else str(number)
-    return Station(robot_id, str(file), wire, port, robot.start_m, robot.goal_m, heading)
+    return Station(robot_id, str(file), wire, port, (x, y), (goal_x, goal_y), heading)
 
 
 def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:

@@ -6,6 +6,7 @@ import pytest
 
 from edge_runtime.errors import BridgeError, ConfigError
 from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.models import PointForce
 from edge_runtime.policy.manifest import ActionField
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.link import SetpointLimits
@@ -15,7 +16,7 @@ from firmware_bridge.mavlink.options import MavlinkOptions
 
 DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
 ACTION = tuple(ActionField(f"force_{axis}", "N", -1.25, 1.0) for axis in "xy")
-MANIFEST = msgspec.structs.replace(bundles.MANIFEST, dynamics=DYNAMICS, action=ACTION)
+MANIFEST = msgspec.structs.replace(bundles.MANIFEST, motion=PointForce(2.0, 0.25, 0.1), action=ACTION)
 
 
 def make_bridge(*flags):

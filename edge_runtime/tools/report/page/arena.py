@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Place, Vector2
 from edge_runtime.tools.report.page.chart import thinned
 from edge_runtime.tools.report.page.theme import (
     LIMIT,
@@ -39,7 +39,7 @@ class Track(msgspec.Struct, frozen=True):
     name: str
     position_m: Floats
     """(T, 2); NaN where it was not seen."""
-    goal_m: Vector2
+    goal_m: Place
     radius_m: float
 
 
@@ -65,9 +65,9 @@ def draw_places(
 ) -> None:
     """Draw what stands still, with axes to scale."""
     for index, track in enumerate(tracks):
-        axes.plot(*track.goal_m, "x", color=colour(index), markersize=6, markeredgewidth=1.6)
+        axes.plot(*track.goal_m[:2], "x", color=colour(index), markersize=6, markeredgewidth=1.6)
         if goal_tolerance_m:
-            axes.add_patch(disc(track.goal_m, goal_tolerance_m, fill=False, edgecolor=colour(index)))
+            axes.add_patch(disc(track.goal_m[:2], goal_tolerance_m, fill=False, edgecolor=colour(index)))
     for circle in circles:
         axes.add_patch(disc(circle.centre_m, circle.radius_m, fill=False, edgecolor=LIMIT, linestyle="--"))
         x, y = circle.centre_m
