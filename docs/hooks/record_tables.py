@@ -5,8 +5,9 @@ import inspect as python_inspect
 import logging
 import math
 import re
+import types
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, get_args
 
 import griffe
 import msgspec
@@ -32,8 +33,10 @@ def file_tables(record: type[msgspec.Struct]) -> str:
     return "\n\n".join(_tables(record, "", "", {}))
 
 
-def kind_tables(kinds: Iterable[type[msgspec.Struct]]) -> str:
-    """A table for each of several records, under its tag."""
+def kind_tables(kinds: Iterable[type[msgspec.Struct]] | types.UnionType) -> str:
+    """A table for each of several records, or of those that a key may be, under its tag."""
+    if isinstance(kinds, types.UnionType):
+        kinds = get_args(kinds)
     return "\n\n".join(
         f"### `{kind.__struct_config__.tag}`\n\n{_about(kind)}\n\n{_table(kind, _fields(kind))}"
         for kind in kinds
@@ -133,14 +136,22 @@ def _type(kind: inspect.Type) -> str:
         case inspect.LiteralType():
             words = " or ".join(f"`{msgspec.json.encode(value).decode()}`" for value in kind.values)
         case inspect.TupleType():
-            words = f"{len(kind.item_types)} {_type(kind.item_types[0])}s"
+            words = f"{len(kind.item_types)} {_plural(kind.item_types[0])}"
         case inspect.VarTupleType() | inspect.ListType():
-            words = f"list of {_type(kind.item_type)}s"
+            words = f"list of {_plural(kind.item_type)}"
         case inspect.DictType():
-            words = f"table of {_type(kind.value_type)}s"
+            words = f"table of {_plural(kind.value_type)}"
         case inspect.UnionType():
-            words = " or ".join(map(_type, kind.types))
+            words = " or ".join(dict.fromkeys(map(_type, kind.types)))
     return words
+
+
+def _plural(kind: inspect.Type) -> str:
+    words = _type(kind)
+    many = isinstance(
+        plain(kind), inspect.TupleType | inspect.VarTupleType | inspect.LiteralType | inspect.BoolType
+    )
+    return words if many else f"{words}s"
 
 
 def _default(field: inspect.Field) -> str:

@@ -37,11 +37,15 @@ class PointForce(LinearModel, frozen=True, tag="point_force"):
     """Moved by a force along each axis, in N; with an inertia, turned by a torque, in N m."""
 
     mass_kg: float
+    """What divides the force."""
     drag: float
     """Share of the velocity lost in one step, in [0, 1)."""
     dt_s: float
+    """Of one control step."""
     substeps: int = 1
+    """In which a control step is integrated."""
     dims: Literal[2, 3] = 2
+    """2 in the plane, 3 in space."""
     inertia_kg_m2: float | None = None
     """Of one whose action ends with a torque."""
     yaw_drag: float = 0.0
@@ -91,10 +95,13 @@ class PointAcceleration(LinearModel, frozen=True, tag="point_acceleration"):
     """Moved by an acceleration along each axis; where it is angular, turned by one more, in rad/s^2."""
 
     dt_s: float
+    """Of one control step."""
     drag: float = 0.0
     """Share of the velocity lost in one step, in [0, 1)."""
     substeps: int = 1
+    """In which a control step is integrated."""
     dims: Literal[2, 3] = 2
+    """2 in the plane, 3 in space."""
     angular: bool = False
     """Whether the action ends with an angular acceleration, as the paper's (a_x, a_y, alpha) does."""
     yaw_drag: float = 0.0

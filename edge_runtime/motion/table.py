@@ -22,6 +22,7 @@ class LinearTable(LinearModel, frozen=True, tag="table"):
     """
 
     dt_s: float
+    """Of one control step."""
     velocity_decay: Row
     """(dims,), each in [0, 1]."""
     velocity_gain: tuple[Row, ...]
@@ -31,10 +32,13 @@ class LinearTable(LinearModel, frozen=True, tag="table"):
     position_gain: tuple[Row, ...]
     """(dims, d)"""
     dims: Literal[2, 3] = 2
+    """2 in the plane, 3 in space."""
     yaw_rate_decay: float = 0.0
+    """As ``velocity_decay``, of the yaw rate."""
     yaw_rate_gain: Row = ()
     """(d,), or empty for a robot that does not turn."""
     heading_decay: float = 0.0
+    """As ``position_decay``, of the heading."""
     heading_gain: Row = ()
     """(d,) as ``yaw_rate_gain``."""
 

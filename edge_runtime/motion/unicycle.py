@@ -35,8 +35,11 @@ class Unicycle(Model, frozen=True, tag="unicycle"):
     """The action is (forward speed or acceleration, yaw rate or acceleration)."""
 
     dt_s: float
+    """Of one control step."""
     forward: Literal["speed", "acceleration"] = "speed"
+    """What the first component asks for."""
     turn: Literal["rate", "acceleration"] = "rate"
+    """What the second component asks for."""
     gain: float = 1.0
     """What one unit of the first component is, in m/s or m/s^2."""
 

@@ -27,12 +27,15 @@ class VelocityLag(LinearModel, frozen=True, tag="velocity"):
     """Follows a velocity along each axis; where it is angular, a yaw rate in rad/s as well."""
 
     dt_s: float
+    """Of one control step."""
     time_constant_s: float = 0.0
     """Of the first-order lag; 0 follows at once."""
     dims: Literal[2, 3] = 2
+    """2 in the plane, 3 in space."""
     angular: bool = False
     """Whether the action ends with a yaw rate."""
     yaw_time_constant_s: float = 0.0
+    """Of the yaw rate; 0 follows at once."""
     gain: float = 1.0
     """What one unit of the action along an axis is, in m/s."""
 

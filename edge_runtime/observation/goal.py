@@ -24,6 +24,7 @@ class GoalOffset(Source, frozen=True, kw_only=True, tag="goal_offset"):
 
     unit_here: ClassVar[str] = "m"
     frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
 
     def components(self, extent: Extent) -> int:
         """One an axis."""
@@ -39,6 +40,7 @@ class TimeLeft(Source, frozen=True, kw_only=True, tag="time_left"):
 
     unit_here: ClassVar[str] = "s"
     horizon_s: Annotated[float, msgspec.Meta(gt=0, le=GREATEST)]
+    """After which nothing is left."""
 
     def components(self, extent: Extent) -> int:  # noqa: ARG002
         """One."""
@@ -55,6 +57,7 @@ class Constant(Source, frozen=True, kw_only=True, tag="constant"):
     of_policy: ClassVar[bool] = True
 
     values: Annotated[tuple[Value, ...], msgspec.Meta(min_length=1, max_length=LARGEST_FIELD)]
+    """The components."""
 
     def components(self, extent: Extent) -> int:  # noqa: ARG002
         """As many as there are values."""

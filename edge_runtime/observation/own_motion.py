@@ -26,6 +26,7 @@ class Velocity(Source, frozen=True, kw_only=True, tag="velocity"):
 
     unit_here: ClassVar[str] = "m/s"
     frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
 
     def components(self, extent: Extent) -> int:
         """One an axis."""

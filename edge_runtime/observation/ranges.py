@@ -34,6 +34,7 @@ class Sensor(Source, frozen=True, kw_only=True, tag="sensor"):
     """What a sensor of this name read, which the link to the robot or its simulation provides."""
 
     sensor: Name
+    """Its name in the fleet file."""
 
     def read(self, view: View) -> Sequence[float]:
         """Of this tick."""

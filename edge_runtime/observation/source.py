@@ -52,8 +52,11 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     of_policy: ClassVar[bool] = False
     """Whether it is in the policy's metres, not in the robot's."""
     name: str
+    """What reports call the field."""
     size: int
+    """Components."""
     unit: str
+    """Of each component."""
     seen: tuple[tuple[float, float], ...] | None = None
     """Least and greatest value of each component in training; None where that is not known."""
 

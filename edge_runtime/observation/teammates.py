@@ -38,6 +38,7 @@ class TeammateOffsets(_Nearest, frozen=True, kw_only=True, tag="teammate_offsets
 
     unit_here: ClassVar[str] = "m"
     frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
 
     def read(self, view: View) -> list[float]:
         """Along the axes of ``frame``."""
@@ -51,6 +52,7 @@ class TeammateVelocities(_Nearest, frozen=True, kw_only=True, tag="teammate_velo
 
     unit_here: ClassVar[str] = "m/s"
     frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
 
     def read(self, view: View) -> list[float]:
         """Along the axes of ``frame``."""

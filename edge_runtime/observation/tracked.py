@@ -29,6 +29,7 @@ class Tracked(Source, frozen=True, kw_only=True):
 
 class _TrackedVector(Tracked, frozen=True, kw_only=True):
     frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
 
     def components(self, extent: Extent) -> int:
         """One an axis."""
@@ -73,6 +74,7 @@ class TrackedHeading(Tracked, frozen=True, kw_only=True, tag="tracked_heading"):
 
     unit_here: ClassVar[str] = "1"
     symmetry: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
+    """How often it looks the same in a turn: a line 2, a square 4."""
     only: Literal["sine", "cosine"] | None = None
     """The one of both that the policy observes."""
 

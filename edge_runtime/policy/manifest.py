@@ -105,6 +105,7 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     runtime: Literal["numpy", "onnxruntime"]
     """Who can compute it: ``numpy`` from policy.npz, or ``onnxruntime`` from policy.onnx alone."""
     observation: tuple[ObservationField, ...]
+    """The fields in their order, each with its ``source``."""
     action: tuple[ActionField, ...]
     control_rate_hz: float
     """The rate that it was trained at."""
@@ -113,6 +114,7 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     network: Network | None
     """None where only onnxruntime can express the graph."""
     motion: MotionModel
+    """What an action does: a motion model, with its ``type``."""
     body: Body
     training: Training | None
     """None for a policy whose training is not known."""
