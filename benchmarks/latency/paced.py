@@ -24,6 +24,8 @@ from edge_runtime.control.rate import DeadlineGrid
 LEAD_TICKS = 4.0
 """An early wake starts this many ticks before the deadline, plus `LEAD_S` for the wake-up itself."""
 LEAD_S = 0.0003
+WARM_UP = 10
+"""Ticks that are not measured."""
 
 
 class Variant(msgspec.Struct, frozen=True):
@@ -69,12 +71,12 @@ def run(variant: Variant) -> list[float]:
     freeze_garbage()
     if variant.realtime:
         enter_realtime()
-    while grid.next_s <= variant.duration_s:
+    for _ in range(WARM_UP + max(1, round(variant.duration_s / period))):
         grid.wait()
         begin = time.perf_counter()
         tick()
         durations.append(1e6 * (time.perf_counter() - begin))
-    return durations[10:]
+    return durations[WARM_UP:]
 
 
 if __name__ == "__main__":
