@@ -51,7 +51,7 @@ def bad_numbers(draw: np.random.Generator, count: int, limits: SetpointLimits) -
 
     A third are random bits, a third are just or far over a limit, a third have one number that is none.
     """
-    largest = np.array([limits.action, limits.action, limits.speed_m_s, limits.speed_m_s])
+    largest = np.array([*limits.high, limits.speed_m_s, limits.speed_m_s])
     numbers = draw.uniform(-0.5, 0.5, (count, 4)) * largest
     kinds, columns = draw.integers(3, size=count), draw.integers(4, size=count)
     bits = kinds == 0
@@ -68,4 +68,5 @@ def _in_order(numbers: np.ndarray, limits: SetpointLimits) -> np.ndarray:
     """Whether each command is in order after all; comparisons with NaN are false."""
     with np.errstate(all="ignore"):
         slow = np.hypot(numbers[:, 2], numbers[:, 3]) <= limits.speed_m_s
-    return slow & (np.abs(numbers[:, :2]) <= limits.action).all(axis=1)
+    actions = numbers[:, :2]
+    return slow & ((limits.low <= actions) & (actions <= limits.high)).all(axis=1)

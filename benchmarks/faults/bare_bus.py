@@ -29,7 +29,7 @@ def open_sender(spec: GuardSpec) -> Callable[[], bool]:
         return lambda: bus.send(driving_frame())
     options = msgspec.json.decode(spec.options, type=MavlinkOptions)
     transport = open_transport(options.address)
-    target = Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=(SPEED_M_S, 0.0))
+    target = Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=(SPEED_M_S, 0.0, 0.0))
     frame = Encoder(options.source_system, (options.system_id, 1)).encode(target, time.monotonic())
     return lambda: transport.send(frame)
 

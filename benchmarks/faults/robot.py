@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common
 
 from edge_runtime.common.closing import Closing
 from edge_runtime.common.key_file import read_key
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.models import PointForce
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
@@ -37,7 +37,7 @@ PERIOD_S = 0.02
 """Of the commands."""
 DEADLINE_S = 3 * PERIOD_S
 SPEED_M_S = 0.5
-LIMITS = SetpointLimits(1.5, 1.0)
+LIMITS = SetpointLimits(1.5, (-1.0, -1.0), (1.0, 1.0))
 CRUISING_SHARE = 0.95
 SLOWEST_M_S = 1e-3
 """Slower counts as standing."""
@@ -170,7 +170,7 @@ class MavlinkRobot(Robot):
         options = MavlinkOptions(
             AUTOPILOT,
             f"udpout:{HOST}:{self.wire.port}",
-            Dynamics(1.0, PERIOD_S / SPEED_M_S, PERIOD_S),  # the full action ends at SPEED_M_S
+            PointForce(1.0, PERIOD_S / SPEED_M_S, PERIOD_S),  # the full action ends at SPEED_M_S
             point_ahead_m=ahead_m("mavlink"),
             signing_key=str(self._signing_key or ""),
         )

@@ -9,6 +9,8 @@ GREATEST: Final = 1e6
 """Of any length, speed, weight or factor, in SI units: far beyond every robot, far from overflow."""
 GREATEST_SPEED_M_S: Final = 1e3
 """Of any robot that tells its motion."""
+GREATEST_YAW_RATE_RAD_S: Final = 20.0
+"""Of any robot that is told to turn."""
 Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
 """A number of a message from another machine, times since 1970 included: neither infinite nor NaN."""
 RATE_HZ: Final = (1.0, 1000.0)

@@ -29,6 +29,8 @@ class Bridge(Protocol):
     """What reports call this link, such as ``sim`` or ``can``."""
     max_speed_m_s: float
     """Greatest speed that the link lets through; may be infinite."""
+    max_yaw_rate_rad_s: float
+    """Greatest yaw rate, likewise; 0 where the policy turns no robot."""
     complaints: tuple[str, ...]
     """What the firmware has complained of so far and driven on with, in order."""
 

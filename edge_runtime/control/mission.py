@@ -11,7 +11,7 @@ from edge_runtime.config.fleet import Fleet, Team
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
-from edge_runtime.control.limits import RobotLimits
+from edge_runtime.control.limits import RobotLimits, robot_limits
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
@@ -109,12 +109,15 @@ class Mission:
         """
         return self.bundle.field(self.backend)
 
-    def controller(self, robot_id: int, max_speed_m_s: float = math.inf) -> Controller:
+    def controller(
+        self, robot_id: int, max_speed_m_s: float = math.inf, max_yaw_rate_rad_s: float = math.inf
+    ) -> Controller:
         """Prepare the decisions of one of the fleet's robots.
 
         Args:
             robot_id: whose.
             max_speed_m_s: greatest velocity setpoint that the link to the robot takes.
+            max_yaw_rate_rad_s: greatest yaw rate that it takes.
 
         Raises:
             PolicyError: if the policy cannot be computed.
@@ -126,7 +129,7 @@ class Mission:
             self._observer(robot),
             self.policy,
             self.guide(),
-            self._limits(robot, max_speed_m_s),
+            self._limits(robot, max_speed_m_s, max_yaw_rate_rad_s),
             Familiarity(self.bundle.manifest.observation),
             self.seed * 2**16 + robot.id,
         )
@@ -138,19 +141,18 @@ class Mission:
     def _ready(self, asked: ObjectiveSet) -> Guide:
         return guide_for(self.bundle.manifest, asked, guided=self.guided)
 
-    def _limits(self, robot: Robot, max_speed_m_s: float) -> RobotLimits:
-        team, manifest = self.fleet.team, self.bundle.manifest
+    def _limits(self, robot: Robot, max_speed_m_s: float, max_yaw_rate_rad_s: float) -> RobotLimits:
+        team = self.fleet.team
         slew_per_s = math.inf if team.slew_per_s is None else team.slew_per_s
         slew_per_s = slew_per_s if robot.slew_per_s is None else robot.slew_per_s
-        x, y = manifest.action
-        return RobotLimits(
-            low=(x.low, y.low),
-            high=(x.high, y.high),
-            preview=manifest.dynamics.at_period(self.period_s).preview(1),
+        return robot_limits(
+            self.bundle.manifest,
+            self.period_s,
             max_step=slew_per_s * self.period_s,
             max_state_age_s=team.max_state_age_s,
             max_speed_m_s=min(max_speed_m_s, robot.max_speed_m_s or math.inf),
             max_unfamiliar_s=math.inf if team.max_unfamiliar_s is None else team.max_unfamiliar_s,
+            max_yaw_rate_rad_s=max_yaw_rate_rad_s,
         )
 
     def _check_sight(self, asked: ObjectiveSet) -> None:

@@ -108,6 +108,8 @@ class Settings(msgspec.Struct, frozen=True):
     """Greatest velocity setpoint; unlimited where None."""
     max_unfamiliar_s: float | None = None
     """How long the robot might act on what training never had; without end where None."""
+    max_yaw_rate_rad_s: float | None = None
+    """Greatest yaw rate setpoint; unlimited where None."""
     adaptation: Adaptation = Adaptation()
     """Where the robot differed from the policy's."""
 

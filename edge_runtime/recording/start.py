@@ -119,6 +119,7 @@ def _settings(mission: Mission, controller: Controller, *, bridge: str, dry_run:
         max_step=_finite(limits.max_step),
         max_speed_m_s=_finite(limits.max_speed_m_s),
         max_unfamiliar_s=_finite(limits.max_unfamiliar_s),
+        max_yaw_rate_rad_s=_finite(limits.max_yaw_rate_rad_s),
         adaptation=adaptation_of(mission.fleet.robot(mission.robot_id), mission.fleet.team),
     )
 

@@ -62,7 +62,7 @@ def _open(
         complain("edge-run", doubt)
     bridge = link.open_bridge(mission, link.options_from(flags))
     # What cannot compute is refused before a link opens.
-    controller = mission.controller(mission.robot_id, bridge.max_speed_m_s)
+    controller = mission.controller(mission.robot_id, bridge.max_speed_m_s, bridge.max_yaw_rate_rad_s)
     recorder = opening.enter_context(open_record(flags))
     if flags.realtime:
         enter_realtime()  # before the bridge opens: its guard process inherits it

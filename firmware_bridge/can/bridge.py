@@ -14,8 +14,15 @@ from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import Profile, load_profile, profile_path
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import SetpointLimits
-from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
+from firmware_bridge.guard.spec import (
+    GuardFlags,
+    GuardSpec,
+    add_guard_arguments,
+    deadline_s,
+    flags_from,
+    setpoint_limits,
+)
+from firmware_bridge.kinematics.fit import check_base
 
 CONFIRMING = "look, then set it to true in your copy of the profile"
 
@@ -89,12 +96,14 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
     if options.bus == SIMULATED and (Path(profile.dbc).name, profile.base.kind) != SIMULATED_KIND:
         raise ConfigError(f"--bus {SIMULATED}: its chassis is one of --profile agilex_v2 or a copy of it")
     _check_rate(profile, rate_hz)
+    check_base(manifest.motion, profile.base, str(path))
+    link = CanOptions(options.bus, str(path), options.pose, manifest.motion.turns)
     return GuardSpec(
         link="can",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=SetpointLimits(_speed_limit(profile, options), _action_limit(manifest)),
-        options=msgspec.Raw(msgspec.json.encode(CanOptions(options.bus, str(path), options.pose))),
+        limits=setpoint_limits(manifest, _speed_limit(profile, options), profile.base.max_yaw_rad_s),
+        options=msgspec.Raw(msgspec.json.encode(link)),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
         deceleration_m_s2=profile.stop.deceleration_m_s2,
@@ -110,10 +119,6 @@ def _speed_limit(profile: Profile, options: CanFlags) -> float:
             f"the limit of profile {options.profile}"
         )
     return wanted
-
-
-def _action_limit(manifest: Manifest) -> float:
-    return max(max(abs(field.low), abs(field.high)) for field in manifest.action)
 
 
 def _check_rate(profile: Profile, rate_hz: float) -> None:

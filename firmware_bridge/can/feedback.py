@@ -121,6 +121,7 @@ class DeadReckoning:
             (pose.x_m + offset_x, pose.y_m + offset_y),
             rotate(body_velocity, pose.heading_rad),
             pose.heading_rad,
+            motion.yaw_rad_s,
         )
 
 

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
@@ -18,7 +19,7 @@ from firmware_bridge.can.profile import Profile, load_profile
 from firmware_bridge.can.vesc import command_timeout_s
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.kinematics.base import BaseMotion, motion_for
+from firmware_bridge.kinematics.base import BaseMotion, motion_for, turning
 
 STANDSTILL = BaseMotion()
 STOP_TRIES = 50
@@ -32,6 +33,8 @@ class CanOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str
     """Path of the profile's TOML file."""
     pose: PlanarPose
+    turns: bool = False
+    """Whether the policy commands yaw rates."""
 
 
 class CanLink:
@@ -163,7 +166,8 @@ class CanLink:
             yield step.pause_s
 
     def _motion(self, setpoint: Setpoint) -> BaseMotion:
-        return motion_for(setpoint.velocity_m_s, self._robot.pose.heading_rad, self._profile.base)
+        heading, base = self._robot.pose.heading_rad, self._profile.base
+        return motion_for(setpoint.velocity_m_s, heading, base, setpoint.yaw_rate_rad_s)
 
     def _ramp(self) -> list[BaseMotion]:
         """The motions from the last sent one down to, but without, standstill."""
@@ -202,6 +206,8 @@ def make_link(spec: GuardSpec) -> CanLink:
     options = msgspec.json.decode(spec.options, type=CanOptions)
     path = Path(options.profile)
     profile = load_profile(path)
+    if options.turns:
+        profile = replace(profile, base=turning(profile.base))
     robot = DeadReckoning(spec.robot_id, options.pose, profile.base)
     return CanLink(profile, CanCodec(profile, path), _transport(profile, options.bus), robot, spec.arm)
 

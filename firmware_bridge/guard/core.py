@@ -30,7 +30,6 @@ CLOCK_TOLERANCE_S = 1e-3
 """A command stamped later than this in the future was not stamped with the monotonic clock."""
 REHEARSAL_LEAD_S = 1e-3
 """How long before the next command is expected its way is rehearsed."""
-AT_REST = Setpoint(0, 0.0, (0.0, 0.0), (0.0, 0.0))
 MOST_COMPLAINTS = 50
 """Told in one run; whoever has that many to tell flickers."""
 _ROUNDING = 1.0 + 1e-9
@@ -59,16 +58,26 @@ def firmware_timeout_fault(timeout_s: float | None) -> str:
 
 def limit_fault(setpoint: Setpoint, limits: SetpointLimits) -> str:
     """Say what is wrong with a command's numbers; empty if nothing is."""
-    speed = math.hypot(*setpoint.velocity_m_s)
-    a_x, a_y = setpoint.action
-    finite = math.isfinite
-    if not (finite(speed) and finite(a_x) and finite(a_y) and finite(setpoint.stamp_s)):
+    for what, found, wanted in (
+        ("action", len(setpoint.action), len(limits.low)),
+        ("velocity", len(setpoint.velocity_m_s), limits.dims),
+    ):
+        if found != wanted:
+            return f"{what} of {found} components, this robot takes {wanted}"
+    speed, turn = math.hypot(*setpoint.velocity_m_s), abs(setpoint.yaw_rate_rad_s)
+    if not all(map(math.isfinite, (speed, turn, setpoint.stamp_s, *setpoint.action))):
         return "command is not finite"
-    action = max(abs(a_x), abs(a_y))
+    return _excess(setpoint, speed, turn, limits)
+
+
+def _excess(setpoint: Setpoint, speed: float, turn: float, limits: SetpointLimits) -> str:
     if speed > limits.speed_m_s * _ROUNDING:
         return f"command of {speed:.3f} m/s is over the limit of {limits.speed_m_s:g} m/s"
-    if action > limits.action * _ROUNDING:
-        return f"action of {action:.3f} is over the limit of {limits.action:g}"
+    if turn > limits.yaw_rate_rad_s * _ROUNDING:
+        return f"yaw rate of {turn:.3f} rad/s is over the limit of {limits.yaw_rate_rad_s:g} rad/s"
+    for component, low, high in zip(setpoint.action, limits.low, limits.high, strict=True):
+        if not low * _ROUNDING <= component <= high * _ROUNDING:
+            return f"action of {component:.3f} is outside its limits, {low:g} to {high:g}"
     return ""
 
 
@@ -90,7 +99,7 @@ class Guard:
         self._step_due_s = math.inf
         self._stop_until_s = math.inf
         self._keepalive_due_s = math.inf if math.isinf(link.keepalive_period_s) else -math.inf
-        self._sent = AT_REST
+        self._sent: Setpoint | None = None
         self._sent_s = -math.inf
         self._rehearsal_due_s = math.inf
         self._complaints: set[str] = set()
@@ -208,7 +217,7 @@ class Guard:
         400), 9 us sooner than 167 (MAVLink, in 8 of 10).
         """
         self._rehearsal_due_s = math.inf
-        setpoint = cast(Setpoint, decode_request(encode_command(self._sent)))
+        setpoint = cast(Setpoint, decode_request(encode_command(cast(Setpoint, self._sent))))
         with contextlib.suppress(BridgeError):  # What is wrong with a command is said when it comes.
             limit_fault(setpoint, self._spec.limits)
             self._link.health(now_s)

@@ -45,6 +45,7 @@ class GuardedBridge:
     def __init__(self, spec: GuardSpec) -> None:
         self.name: str = spec.link
         self.max_speed_m_s = spec.limits.speed_m_s
+        self.max_yaw_rate_rad_s = spec.limits.yaw_rate_rad_s
         self.counts = Counts()
         """What became of the commands, as the guard last reported."""
         self.complaints: tuple[str, ...] = ()
@@ -102,7 +103,9 @@ class GuardedBridge:
         Raises:
             BridgeError: if the guard has stopped the robot, has ended, or does not take commands.
         """
-        setpoint = Setpoint(command.sequence, command.stamp_s, command.action, command.velocity_m_s)
+        setpoint = Setpoint(
+            command.sequence, command.stamp_s, command.action, command.velocity_m_s, command.yaw_rate_rad_s
+        )
         self._send(encode_command(setpoint))  # First of all; a guard that has stopped heeds no command.
         self._receive()
         if self.phase >= Phase.STOPPING:

@@ -24,6 +24,7 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
     action: Vector
     velocity_m_s: Vector
     """Velocity in the team's common frame."""
+    yaw_rate_rad_s: float = 0.0
 
 
 class Condition(enum.IntEnum):
@@ -55,8 +56,14 @@ class SetpointLimits(msgspec.Struct, frozen=True, gc=False, forbid_unknown_field
 
     speed_m_s: float
     """Largest length of the velocity."""
-    action: float
-    """Largest magnitude of each component of the action."""
+    low: Vector
+    """Least action, (d,)."""
+    high: Vector
+    """Greatest action."""
+    yaw_rate_rad_s: float = 0.0
+    """Largest magnitude of the yaw rate; 0 for a policy that does not turn its robot."""
+    dims: int = 2
+    """Components of the velocity."""
 
 
 class Link(Protocol):

@@ -4,7 +4,9 @@ import argparse
 
 import msgspec
 
+from edge_runtime.common.bounds import GREATEST_YAW_RATE_RAD_S
 from edge_runtime.errors import ConfigError
+from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard.link import SetpointLimits
 
 LONGEST_DEFAULT_DEADLINE_S = 0.1
@@ -56,6 +58,20 @@ def add_guard_arguments(parser: argparse.ArgumentParser) -> None:
 def flags_from(arguments: argparse.Namespace) -> GuardFlags:
     """Return the shared flags that were parsed."""
     return GuardFlags(arguments.arm, arguments.guard_deadline, arguments.allow_unsafe_firmware_timeout)
+
+
+def setpoint_limits(
+    manifest: Manifest, speed_m_s: float, yaw_rate_rad_s: float = GREATEST_YAW_RATE_RAD_S
+) -> SetpointLimits:
+    """Return what the guard lets through of a policy: its actions, and no turn where it turns no robot."""
+    motion = manifest.motion
+    return SetpointLimits(
+        speed_m_s,
+        tuple(field.low for field in manifest.action),
+        tuple(field.high for field in manifest.action),
+        min(yaw_rate_rad_s, GREATEST_YAW_RATE_RAD_S) if motion.turns else 0.0,
+        motion.dims,
+    )
 
 
 def deadline_s(period_s: float, flags: GuardFlags) -> float:

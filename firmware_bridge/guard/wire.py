@@ -9,18 +9,25 @@ import struct
 
 import msgspec
 
-from edge_runtime.messages import RobotState
+from edge_runtime.messages import LONGEST_ACTION, RobotState, Vector
 from firmware_bridge.guard.link import Setpoint
 
-MAGIC = 0xCF62
+MAGIC = 0xCF63
 """Marks the layouts below; change it with any of them."""
 PACKET_BYTES = 512
 """More than the longest frame."""
 
 _HEADER = struct.Struct("<HBxQd")
-_COMMAND = struct.Struct("<HBxQd4d")
+_COMMANDS = {
+    (action, dims): struct.Struct(f"<HBxQdBB6x{action + dims + 1}d")
+    for action in range(1, LONGEST_ACTION + 1)
+    for dims in (2, 3)
+}
+"""By the numbers of components of action and velocity, which stand before them; the yaw rate comes last."""
+_SHAPE_AT = _HEADER.size
 _STOP = struct.Struct("<HBxQd96s")
-_REPORT = struct.Struct("<HBxQdBB5d5Qd")
+_REPORT = struct.Struct("<HBxQdBB8d5Qd")
+"""The second byte: components of position and velocity, 0 without a state; three of each are sent."""
 _EVENT = struct.Struct("<HBxQdB240s")
 
 
@@ -100,8 +107,16 @@ class WireError(ValueError):
 
 def encode_command(setpoint: Setpoint) -> bytes:
     """Return the packet of one command."""
-    return _COMMAND.pack(
-        MAGIC, Kind.COMMAND, setpoint.sequence, setpoint.stamp_s, *setpoint.action, *setpoint.velocity_m_s
+    shape = len(setpoint.action), len(setpoint.velocity_m_s)
+    return _COMMANDS[shape].pack(
+        MAGIC,
+        Kind.COMMAND,
+        setpoint.sequence,
+        setpoint.stamp_s,
+        *shape,
+        *setpoint.action,
+        *setpoint.velocity_m_s,
+        setpoint.yaw_rate_rad_s,
     )
 
 
@@ -116,9 +131,8 @@ def decode_request(packet: bytes) -> Setpoint | StopRequest:
     Raises:
         WireError: if it is not exactly one command or stop.
     """
-    if len(packet) == _COMMAND.size and packet.startswith(_COMMAND_MARK):
-        _, _, sequence, stamp_s, a_x, a_y, v_x, v_y = _COMMAND.unpack(packet)
-        return Setpoint(sequence, stamp_s, (a_x, a_y), (v_x, v_y))
+    if packet.startswith(_COMMAND_MARK) and len(packet) > _SHAPE_AT + 1:
+        return _command(packet)
     kind = _kind(packet)
     if kind == Kind.STOP and len(packet) == _STOP.size:
         return StopRequest(_untext(_STOP.unpack(packet)[4]))
@@ -128,14 +142,20 @@ def decode_request(packet: bytes) -> Setpoint | StopRequest:
 def encode_report(report: Report, stamp_s: float) -> bytes:
     """Return the packet of a report; ``stamp_s`` stands in where there is no state yet."""
     state, counts = report.state, report.counts
-    numbers = (0.0,) * 5 if state is None else (*state.position_m, *state.velocity_m_s, state.heading_rad)
+    numbers: Vector = (0.0,) * 8
+    dims = 0
+    if state is not None:
+        dims = len(state.position_m)
+        rest = (0.0,) * (3 - dims)
+        turn = state.heading_rad, state.yaw_rate_rad_s
+        numbers = (*state.position_m, *rest, *state.velocity_m_s, *rest, *turn)
     return _REPORT.pack(
         MAGIC,
         Kind.REPORT,
         0 if state is None else state.robot_id,
         stamp_s if state is None else state.stamp_s,
         report.phase,
-        state is not None,
+        dims,
         *numbers,
         *msgspec.structs.astuple(counts),
         math.nan if report.firmware_timeout_s is None else report.firmware_timeout_s,
@@ -162,12 +182,23 @@ def decode_answer(packet: bytes) -> Report | Event | Complaint:
         _, _, _, _, phase, text = _EVENT.unpack(packet)
         return Event(_phase(phase), _untext(text))
     if kind == Kind.REPORT and len(packet) == _REPORT.size:
-        _, _, robot_id, stamp_s, phase, known, x, y, v_x, v_y, heading, *counts, timeout_s = _REPORT.unpack(
-            packet
-        )
-        state = RobotState(robot_id, stamp_s, (x, y), (v_x, v_y), heading) if known else None
-        return Report(_phase(phase), Counts(*counts), state, None if math.isnan(timeout_s) else timeout_s)
+        _, _, robot_id, stamp_s, phase, dims, *numbers, timeout_s = _REPORT.unpack(packet)
+        place, speed, turn, counts = numbers[:3], numbers[3:6], numbers[6:8], numbers[8:]
+        if dims not in (0, 2, 3):
+            raise WireError(f"a state of {dims} components")
+        state = RobotState(robot_id, stamp_s, tuple(place[:dims]), tuple(speed[:dims]), *turn)
+        known = None if math.isnan(timeout_s) else timeout_s
+        return Report(_phase(phase), Counts(*counts), state if dims else None, known)
     raise WireError(f"kind {kind} in {len(packet)} bytes")
+
+
+def _command(packet: bytes) -> Setpoint:
+    action, dims = packet[_SHAPE_AT], packet[_SHAPE_AT + 1]
+    layout = _COMMANDS.get((action, dims))
+    if layout is None or len(packet) != layout.size:
+        raise WireError(f"an action of {action} and a velocity of {dims} components in {len(packet)} bytes")
+    _, _, sequence, stamp_s, _, _, *numbers = layout.unpack(packet)
+    return Setpoint(sequence, stamp_s, tuple(numbers[:action]), tuple(numbers[action:-1]), numbers[-1])
 
 
 def _kind(packet: bytes) -> int:

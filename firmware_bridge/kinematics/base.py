@@ -4,6 +4,7 @@ import math
 from typing import Literal
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import Vector
@@ -33,8 +34,9 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     kind: Literal["omnidirectional", "differential", "ackermann"]
     """How it turns: on the spot and sideways, by the difference of its wheels, or by steering."""
-    sideways: Literal["refuse", "lookahead"] = "refuse"
-    """For wheels that do not slip: refuse sideways velocities, or steer a point ahead of the axle by them."""
+    sideways: Literal["refuse", "lookahead", "turn"] = "refuse"
+    """For wheels that do not slip: refuse sideways velocities, or steer a point ahead of the axle by them.
+    ``turn`` is for policies that command yaw rates alone, and set where one drives; see `turning`."""
     lookahead_m: float = 0.0
     """Distance of that point ahead of the (rear) axle; it is also the point whose position is reported."""
     max_yaw_rad_s: float = math.inf
@@ -59,33 +61,49 @@ class Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def reference_m(self) -> float:
         """Distance ahead of the axle of the point that is steered and reported."""
-        slips = self.kind == "omnidirectional"
-        return 0.0 if slips or self.sideways == "refuse" else self.lookahead_m
+        ahead = self.kind != "omnidirectional" and self.sideways == "lookahead"
+        return self.lookahead_m if ahead else 0.0
 
 
-def motion_for(velocity_m_s: Vector, heading_rad: float, base: Base) -> BaseMotion:
+def turning(base: Base) -> Base:
+    """Return the base under a policy that commands yaw rates: no velocity steers it, its axle is reported."""
+    return replace(base, sideways="turn")
+
+
+def motion_for(
+    velocity_m_s: Vector, heading_rad: float, base: Base, yaw_rate_rad_s: float = 0.0
+) -> BaseMotion:
     """Return the motion that gives the base's reference point this velocity in the team's frame.
 
-    A yaw rate beyond the base's shortens the whole motion, which keeps its curve.
+    A yaw rate beyond the base's shortens the whole motion, which keeps its curve. With a commanded yaw rate
+    wheels that do not slip roll with the velocity's length: it points where the base will look by then.
+
+    Args:
+        velocity_m_s: in the team's frame.
+        heading_rad: of the base.
+        base: what its wheels allow.
+        yaw_rate_rad_s: of policies that turn their robot.
 
     Raises:
         BridgeError: on a sideways velocity that the base refuses.
     """
     forward, left = rotate(velocity_m_s, -heading_rad)
     if base.kind == "omnidirectional":
-        return BaseMotion(forward, left)
-    if base.sideways == "refuse":
-        if abs(left) > SIDEWAYS_TOLERANCE_M_S:
-            raise BridgeError(
-                f"this {base.kind} base cannot move sideways at {left:.2f} m/s: "
-                "set base.sideways = 'lookahead' in the profile"
-            )
-        return BaseMotion(forward)
-    yaw = left / base.lookahead_m
-    motion = BaseMotion(forward, 0.0, yaw)
-    if abs(yaw) > base.max_yaw_rad_s:
-        motion = motion.scaled(base.max_yaw_rad_s / abs(yaw))
-    return motion if base.kind == "differential" else _steered(motion, base)
+        motion = BaseMotion(forward, left, yaw_rate_rad_s)
+    elif base.sideways == "turn":
+        motion = BaseMotion(math.copysign(math.hypot(forward, left), forward), 0.0, yaw_rate_rad_s)
+    elif base.sideways == "lookahead":
+        motion = BaseMotion(forward, 0.0, left / base.lookahead_m)
+    elif abs(left) <= SIDEWAYS_TOLERANCE_M_S:
+        motion = BaseMotion(forward)
+    else:
+        raise BridgeError(
+            f"this {base.kind} base cannot move sideways at {left:.2f} m/s: "
+            "set base.sideways = 'lookahead' in the profile"
+        )
+    if abs(motion.yaw_rad_s) > base.max_yaw_rad_s:
+        motion = motion.scaled(base.max_yaw_rad_s / abs(motion.yaw_rad_s))
+    return _steered(motion, base) if base.kind == "ackermann" else motion
 
 
 def yaw_from_steering(forward_m_s: float, steering_rad: float, base: Base) -> float:

@@ -12,10 +12,17 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import SetpointLimits
-from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
+from firmware_bridge.guard.spec import (
+    GuardFlags,
+    GuardSpec,
+    add_guard_arguments,
+    deadline_s,
+    flags_from,
+    setpoint_limits,
+)
+from firmware_bridge.kinematics.fit import check_fit
 from firmware_bridge.mavlink.options import MavlinkOptions
-from firmware_bridge.mavlink.profiles import PROFILES, find_profile
+from firmware_bridge.mavlink.profiles import PROFILES, SetpointKind, find_profile
 from firmware_bridge.mavlink.transport import FORMS, parse_address
 
 
@@ -98,22 +105,24 @@ def make_spec(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz:
         ConfigError: names the flag that does not fit.
     """
     _check(options)
+    profile = find_profile(options.autopilot)
+    flies = profile.motion is SetpointKind.VELOCITY
+    check_fit(manifest.motion, profile.name, sideways=flies, space=flies)
     link = MavlinkOptions(
         autopilot=options.autopilot,
         address=options.address,
-        dynamics=manifest.dynamics.at_period(1.0 / rate_hz),
+        motion=manifest.motion.at_period(1.0 / rate_hz),
         point_ahead_m=options.point_ahead_m,
         system_id=options.system_id,
         source_system=options.source_system,
         origin_m=options.origin_m,
         signing_key=options.signing_key,
     )
-    action_limit = max(max(abs(field.low), abs(field.high)) for field in manifest.action)
     return GuardSpec(
         link="mavlink",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=SetpointLimits(options.max_speed_m_s, action_limit),
+        limits=setpoint_limits(manifest, options.max_speed_m_s),
         options=msgspec.Raw(msgspec.json.encode(link)),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
@@ -121,7 +130,6 @@ def make_spec(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz:
 
 
 def _check(options: MavlinkFlags) -> None:
-    find_profile(options.autopilot)
     parse_address(options.address)
     for flag, number in (
         ("--mavlink-system", options.system_id),

@@ -134,7 +134,7 @@ def timeout(heard: Heard, flags: MavlinkFlags, profile: Profile) -> Finding:
 
 def pose(heard: Heard, options: MavlinkOptions) -> Finding:
     """Whether a position comes, and whether it can come often enough for the control rate."""
-    told, period_s = heard.facts, options.dynamics.dt_s
+    told, period_s = heard.facts, options.motion.dt_s
     if told.estimate.state is None:
         return fail("no position", "wait for the estimator, or set its origin; a run would never move")
     needed = f"--rate {1.0 / period_s:g} needs one every {1e3 * longest_pose_s(period_s):.0f} ms"

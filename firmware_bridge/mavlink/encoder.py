@@ -76,7 +76,7 @@ class Encoder:
             int(now_s * 1e3) % 2**32,
             *(0.0, 0.0, 0.0),
             *target.velocity_m_s,
-            *(0.0, 0.0, 0.0, 0.0, 0.0),
+            *(0.0, 0.0, 0.0, 0.0),
             target.yaw_rate_rad_s,
             target.type_mask,
             *self._target,

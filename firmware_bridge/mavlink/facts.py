@@ -30,7 +30,7 @@ class Facts:
     def __init__(self, profile: Profile, options: MavlinkOptions, robot_id: int, ahead_m: float) -> None:
         self.vehicle = Vehicle(profile)
         self.clock = Clock()
-        self.estimate = Estimate(robot_id, self.clock, options.origin_m, ahead_m)
+        self.estimate = Estimate(robot_id, self.clock, options.origin_m, ahead_m, options.motion.dims)
         self.soundness = Soundness()
         self._profile = profile
         self._parameters: dict[str, float] = {}

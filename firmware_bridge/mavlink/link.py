@@ -10,7 +10,7 @@ from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Condition, Health, Link, Setpoint, SetpointLimits, Steps
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.kinematics.base import Base
+from firmware_bridge.kinematics.base import Base, turning
 from firmware_bridge.mavlink.channel import Channel
 from firmware_bridge.mavlink.decoder import Tally
 from firmware_bridge.mavlink.engagement import Engagement
@@ -58,12 +58,14 @@ class MavlinkLink:
         self._profile = find_profile(options.autopilot)
         self._channel = Channel(options)
         wheels = _wheels(options.point_ahead_m)
+        if options.motion.turns:
+            wheels = turning(wheels)
         ahead_m = wheels.reference_m if self._profile.motion is SetpointKind.FORWARD_AND_YAW_RATE else 0.0
         self._facts = Facts(self._profile, options, robot_id, ahead_m)
         self._streams = Streams(
-            self._profile, options.dynamics.dt_s, lambda command: self._channel.send(command, self._now())
+            self._profile, options.motion.dt_s, lambda command: self._channel.send(command, self._now())
         )
-        self._follower = Follower(self._profile.motion, options.dynamics, limits, wheels)
+        self._follower = Follower(self._profile.motion, options.motion, limits, wheels)
         self._ready = Readiness(self._channel, self._facts, self._streams)
         vehicle = self._facts.vehicle
         self._engagement = Engagement(

@@ -3,7 +3,7 @@
 import msgspec
 
 from edge_runtime.messages import Vector2
-from firmware_bridge.kinematics.frames import Quaternion
+from firmware_bridge.kinematics.frames import Quaternion, Vector3
 
 
 class Heartbeat(msgspec.Struct, frozen=True, gc=False):
@@ -33,6 +33,8 @@ class LocalPosition(msgspec.Struct, frozen=True, gc=False):
     boot_s: float
     position_m: Vector2
     velocity_m_s: Vector2
+    down_m: float = 0.0
+    down_m_s: float = 0.0
 
 
 class Odometry(msgspec.Struct, frozen=True, gc=False):
@@ -45,6 +47,8 @@ class Odometry(msgspec.Struct, frozen=True, gc=False):
     yaw_rate_rad_s: float
     resets: int
     """How many times the estimator has set its position anew, modulo 256."""
+    down_m: float = 0.0
+    body_down_m_s: float = 0.0
 
 
 class EstimatorStatus(msgspec.Struct, frozen=True, gc=False):
@@ -134,7 +138,7 @@ class Target(msgspec.Struct, frozen=True, gc=False):
 
     frame: int
     type_mask: int
-    velocity_m_s: Vector2 = (0.0, 0.0)
+    velocity_m_s: Vector3 = (0.0, 0.0, 0.0)
     yaw_rate_rad_s: float = 0.0
 
 

@@ -3,7 +3,7 @@
 import msgspec
 
 from edge_runtime.messages import Vector2
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.models import MotionModel
 
 
 class MavlinkOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -11,7 +11,7 @@ class MavlinkOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     autopilot: str
     address: str
-    dynamics: Dynamics
+    motion: MotionModel
     """The policy's, integrated with the control period."""
     point_ahead_m: float = 0.0
     """Of a rover's axle: the point that is steered and reported; 0 refuses sideways velocities."""

@@ -40,7 +40,7 @@ def _local_position(message: DialectMessage) -> Content | None:
     position, velocity = (message.x, message.y), (message.vx, message.vy)
     if not _finite(*position, *velocity):
         return None
-    return LocalPosition(message.time_boot_ms * 1e-3, position, velocity)
+    return LocalPosition(message.time_boot_ms * 1e-3, position, velocity, message.z, message.vz)
 
 
 def _odometry(message: DialectMessage) -> Content | None:
@@ -51,7 +51,7 @@ def _odometry(message: DialectMessage) -> Content | None:
     if not _finite(*position, *velocity, *attitude, message.yawspeed):
         return None
     boot_s, turn = message.time_usec * 1e-6, message.yawspeed
-    return Odometry(boot_s, position, velocity, attitude, turn, message.reset_counter)
+    return Odometry(boot_s, position, velocity, attitude, turn, message.reset_counter, message.z, message.vz)
 
 
 def _estimator_status(message: DialectMessage) -> Content | None:

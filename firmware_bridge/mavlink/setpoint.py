@@ -2,8 +2,10 @@
 
 import math
 
-from edge_runtime.messages import RobotState, Vector, Vector2
-from edge_runtime.motion.dynamics import Dynamics
+from msgspec.structs import replace
+
+from edge_runtime.messages import RobotState, Vector
+from edge_runtime.motion.models import MotionModel
 from firmware_bridge.guard.link import Setpoint, SetpointLimits
 from firmware_bridge.kinematics.base import Base, motion_for
 from firmware_bridge.kinematics.frames import swap_enu_ned
@@ -19,36 +21,38 @@ from firmware_bridge.mavlink.profiles import (
 LEAK_PER_S = 0.5
 """Share of the integrated velocity lost in a second, at least: without drag, errors would pile up."""
 
-_AT_REST = (0.0, 0.0)
-
 
 class Follower:
-    """Keeps the integrated velocity between commands.
+    """Keeps the integrated velocity and yaw rate between commands.
 
     Args:
-        motion: what the autopilot follows.
-        dynamics: of the policy, integrated with the control period.
+        follows: what the autopilot follows.
+        motion: of the policy, integrated with the control period.
         limits: what the guard lets through.
         wheels: how forward speed and yaw rate follow from a velocity; only for autopilots that follow those.
     """
 
     def __init__(
-        self, motion: SetpointKind, dynamics: Dynamics, limits: SetpointLimits, wheels: Base
+        self, follows: SetpointKind, motion: MotionModel, limits: SetpointLimits, wheels: Base
     ) -> None:
-        self._motion = motion
-        self._dynamics = dynamics
+        self._follows = follows
         self._limits = limits
         self._wheels = wheels
-        self._preview = dynamics.preview(1)
-        self._keep = min(1.0, (1.0 - LEAK_PER_S * dynamics.dt_s) / self._preview.velocity_decay)
-        self._velocity: Vector2 | None = None
+        self._turns = motion.turns
+        self._preview = motion.preview(1)
+        rest = (0.0,) * motion.dims
+        moving = RobotState(0, 0.0, rest, (1.0, *rest[1:]), 0.0, 1.0)
+        drift = self._preview.predict(moving, (0.0,) * motion.action_dim)
+        self._keep, self._keep_turn = (_kept(decay, motion.dt_s) for decay in (drift.vx, drift.yaw_rate))
+        self._velocity: Vector | None = None
+        self._yaw_rate = 0.0
 
     def hold(self) -> Target:
         """Return the setpoint that brings the robot to rest, and forget the integrated velocity."""
-        self._velocity = _AT_REST
-        if self._motion is SetpointKind.FORWARD_AND_YAW_RATE:
+        self._velocity, self._yaw_rate = (0.0,) * self._limits.dims, 0.0
+        if self._follows is SetpointKind.FORWARD_AND_YAW_RATE:
             return Target(BODY_NED, VELOCITY_AND_YAW_RATE)
-        return Target(LOCAL_NED, VELOCITY_ONLY)
+        return Target(LOCAL_NED, VELOCITY_AND_YAW_RATE if self._turns else VELOCITY_ONLY)
 
     def follow(self, setpoint: Setpoint, state: RobotState) -> Target:
         """Return the setpoint for one command.
@@ -56,37 +60,46 @@ class Follower:
         Raises:
             BridgeError: if these wheels cannot move that way.
         """
-        if setpoint.action == _AT_REST and setpoint.velocity_m_s == _AT_REST:
+        if not any(setpoint.action) and not any(setpoint.velocity_m_s) and not setpoint.yaw_rate_rad_s:
             return self.hold()
-        velocity = self._integrate(setpoint.action, state.velocity_m_s)
-        if self._motion is SetpointKind.VELOCITY:
-            return Target(LOCAL_NED, VELOCITY_ONLY, velocity_m_s=swap_enu_ned(velocity))
-        motion = motion_for(velocity, state.heading_rad, self._wheels)
-        forward = (motion.forward_m_s, 0.0)
-        return Target(BODY_NED, VELOCITY_AND_YAW_RATE, velocity_m_s=forward, yaw_rate_rad_s=-motion.yaw_rad_s)
+        velocity, yaw_rate = self._integrate(setpoint.action, state)
+        if self._follows is SetpointKind.FORWARD_AND_YAW_RATE:
+            motion = motion_for(velocity, state.heading_rad, self._wheels, yaw_rate)
+            forward = (motion.forward_m_s, 0.0, 0.0)
+            return Target(BODY_NED, VELOCITY_AND_YAW_RATE, forward, -motion.yaw_rad_s)
+        x, y, *up = velocity
+        target = (*swap_enu_ned((x, y)), -up[0] if up else 0.0)
+        if self._turns:
+            return Target(LOCAL_NED, VELOCITY_AND_YAW_RATE, target, -yaw_rate)
+        return Target(LOCAL_NED, VELOCITY_ONLY, target)
 
     def rehearse(self, setpoint: Setpoint, state: RobotState) -> Target:
         """Return what ``follow`` would, and keep the integrated velocity; raises as ``follow``."""
-        velocity = self._velocity
+        kept = self._velocity, self._yaw_rate
         try:
             return self.follow(setpoint, state)
         finally:
-            self._velocity = velocity
+            self._velocity, self._yaw_rate = kept
 
-    def _step(self, action: Vector, velocity: Vector) -> Vector2:
-        """Return the velocity that the manifest's dynamics reach in one period."""
-        decay, gain = self._preview.velocity_decay, self._preview.velocity_gain
-        return decay * velocity[0] + gain * action[0], decay * velocity[1] + gain * action[1]
+    def _integrate(self, action: Vector, state: RobotState) -> tuple[Vector, float]:
+        """Return velocity and yaw rate that the motion model reaches in one period."""
+        if self._velocity is not None:
+            state = replace(state, velocity_m_s=self._velocity, yaw_rate_rad_s=self._yaw_rate)
+        motion, most = self._preview.predict(state, action), self._limits.yaw_rate_rad_s
+        reached = motion.velocity_m_s(self._limits.dims)
+        self._velocity = clamp(tuple(self._keep * speed for speed in reached), self._limits.speed_m_s)
+        self._yaw_rate = min(max(self._keep_turn * motion.yaw_rate, -most), most)
+        return self._velocity, self._yaw_rate
 
-    def _integrate(self, action: Vector, measured: Vector) -> Vector2:
-        x, y = self._step(action, measured if self._velocity is None else self._velocity)
-        self._velocity = clamp((self._keep * x, self._keep * y), self._limits.speed_m_s)
-        return self._velocity
+
+def _kept(decay: float, period_s: float) -> float:
+    """Share to keep of what a model keeps ``decay`` of, so that in all it leaks."""
+    return min(1.0, (1.0 - LEAK_PER_S * period_s) / decay) if decay > 0.0 else 1.0
 
 
-def clamp(vector: Vector2, length: float) -> Vector2:
+def clamp(vector: Vector, length: float) -> Vector:
     """Shorten a vector to ``length`` if it is longer, in the same direction."""
     size = math.hypot(*vector)
     if size <= length:
         return vector
-    return vector[0] * length / size, vector[1] * length / size
+    return tuple(component * length / size for component in vector)

@@ -10,8 +10,15 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import SetpointLimits
-from firmware_bridge.guard.spec import GuardFlags, GuardSpec, add_guard_arguments, deadline_s, flags_from
+from firmware_bridge.guard.spec import (
+    GuardFlags,
+    GuardSpec,
+    add_guard_arguments,
+    deadline_s,
+    flags_from,
+    setpoint_limits,
+)
+from firmware_bridge.kinematics.fit import check_base
 from firmware_bridge.ros.link import RosOptions
 from firmware_bridge.ros.odometry import Origin
 from firmware_bridge.ros.profile import RosProfile, check_namespace, load_profile, profile_path
@@ -87,13 +94,14 @@ def make_spec(robot_id: int, manifest: Manifest, options: RosFlags, rate_hz: flo
         )
     if not all(map(math.isfinite, msgspec.structs.astuple(options.origin))):
         raise ConfigError("--ros-origin must be three finite numbers")
-    link = RosOptions(options.ros, str(path), options.namespace, options.origin, options.python_path)
-    action_limit = max(max(abs(field.low), abs(field.high)) for field in manifest.action)
+    check_base(manifest.motion, profile.base, str(path))
+    turns, namespace = manifest.motion.turns, options.namespace
+    link = RosOptions(options.ros, str(path), namespace, options.origin, options.python_path, turns)
     return GuardSpec(
         link=f"ros{options.ros}",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=SetpointLimits(_speed_limit(profile, options), action_limit),
+        limits=setpoint_limits(manifest, _speed_limit(profile, options), profile.base.max_yaw_rad_s),
         options=msgspec.Raw(msgspec.json.encode(link)),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,

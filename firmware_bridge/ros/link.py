@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Final, Literal
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.common.realtime import switch_threads_often
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
-from firmware_bridge.kinematics.base import BaseMotion, motion_for
+from firmware_bridge.kinematics.base import BaseMotion, motion_for, turning
 from firmware_bridge.ros.client import Client, Graph, Item, Pressed, Sight, Taken
 from firmware_bridge.ros.inbox import Inbox
 from firmware_bridge.ros.odometry import Odometer, Odometry, Origin
@@ -40,6 +41,8 @@ class RosOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     origin: Origin = Origin()
     python_path: tuple[str, ...] = ()
     """Folders of ROS's Python packages; where empty, the profile's."""
+    turns: bool = False
+    """Whether the policy commands yaw rates."""
 
 
 class RosLink:
@@ -223,7 +226,8 @@ class RosLink:
         state = self._odometer.state
         if state is None:
             raise BridgeError(f"no odometry on {self._profile.odometry}")
-        return motion_for(setpoint.velocity_m_s, state.heading_rad, self._profile.base)
+        base, turn = self._profile.base, setpoint.yaw_rate_rad_s
+        return motion_for(setpoint.velocity_m_s, state.heading_rad, base, turn)
 
     def _message(self, motion: BaseMotion, now_s: float) -> object:
         return self._client.compose(motion, self._odometer.robot_time_s(now_s))
@@ -245,6 +249,8 @@ def make_parts(spec: GuardSpec) -> tuple[RosProfile, Client, Inbox[Item], Odomet
     """Build what the link is made of: profile, a node not yet connected, its inbox, an odometer."""
     options = msgspec.json.decode(spec.options, type=RosOptions)
     profile = load_profile(Path(options.profile)).under(options.namespace)
+    if options.turns:
+        profile = replace(profile, base=turning(profile.base))
     inbox: Inbox[Item] = Inbox()
     module = importlib.import_module(f"firmware_bridge.ros.ros{options.ros}")
     folders = options.python_path or profile.python_path

@@ -173,4 +173,5 @@ class Odometer:
             (origin.x_m + x, origin.y_m + y),
             rotate(body, heading),
             heading,
+            odometry.yaw_rad_s,
         )

@@ -32,7 +32,7 @@ class SimBridge(Closing):
     """
 
     name = "sim"
-    max_speed_m_s = math.inf
+    max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints: tuple[str, ...] = ()
     reaction = None
 

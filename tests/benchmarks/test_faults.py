@@ -83,7 +83,7 @@ def test_bad_commands_are_counted_if_they_pass(kind, monkeypatch):
 
 
 def test_every_bad_command_is_bad():
-    limits = SetpointLimits(1.5, 2.0)
+    limits = SetpointLimits(1.5, (-2.0, -2.0), (2.0, 2.0))
     commands = bad_numbers(np.random.default_rng(1), 3000, limits)
     for a_x, a_y, v_x, v_y in commands:
         good = abs(a_x) <= 2.0 and abs(a_y) <= 2.0 and v_x * v_x + v_y * v_y <= 1.5**2

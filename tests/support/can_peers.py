@@ -37,7 +37,7 @@ def multicast_address() -> str:
 def guard_spec(address: str, profile: str = "agilex_v2", **changes: object) -> GuardSpec:
     path = Path(profile) if profile.endswith(".toml") else profile_path(profile)
     options = msgspec.Raw(msgspec.json.encode(CanOptions(address, str(path), PlanarPose())))
-    spec = GuardSpec("can", 3, 0.1, SetpointLimits(1.5, 1.0), options, arm=True)
+    spec = GuardSpec("can", 3, 0.1, SetpointLimits(1.5, (-1.0, -1.0), (1.0, 1.0)), options, arm=True)
     return msgspec.structs.replace(spec, **changes)
 
 

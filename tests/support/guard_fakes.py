@@ -15,7 +15,7 @@ def spec(**changes) -> GuardSpec:
         "link": "can",
         "robot_id": 1,
         "deadline_s": 0.06,
-        "limits": SetpointLimits(1.0, 2.0),
+        "limits": SetpointLimits(1.0, (-2.0, -2.0), (2.0, 2.0)),
         "options": msgspec.Raw(b"{}"),
     }
     return GuardSpec(**{**values, "arm": True, **changes})

@@ -160,7 +160,9 @@ class Ros:
 
     def spec(self, deadline_s: float = HANG_S, **changes: object) -> GuardSpec:
         options = msgspec.Raw(msgspec.json.encode(self.options(**changes)))
-        return GuardSpec(f"ros{self.kind}", 0, deadline_s, SetpointLimits(1.0, 1.0), options, arm=True)
+        return GuardSpec(
+            f"ros{self.kind}", 0, deadline_s, SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0)), options, arm=True
+        )
 
 
 def drive(bridge: GuardedBridge, enough, sequence: int = 0, period_s: float = 0.02) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from edge_runtime.common.own_code import own_name
 from edge_runtime.common.processor import processor
 from edge_runtime.config.objectives import make_objective_set
-from edge_runtime.control.limits import RobotLimits, limited
+from edge_runtime.control.limits import RobotLimits, limited, robot_limits
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import guide_for
@@ -124,9 +124,8 @@ class Replay:
     def limit(self, tick: Tick, action: GuidedAction, seen: Observation) -> Command:
         """The command for an action, sampled from an observation."""
         then = tick.command
-        previous = Command(
-            then.robot_id, then.sequence - 1, then.stamp_s, tick.inputs.previous_action, (0.0, 0.0)
-        )
+        rest = (0.0,) * len(then.velocity_m_s)
+        previous = Command(then.robot_id, then.sequence - 1, then.stamp_s, tick.inputs.previous_action, rest)
         unfamiliar = Unfamiliar(seen.unfamiliar, seen.unfamiliar_s)
         return limited(action, tick.state, previous, self._limits, then.stamp_s, unfamiliar)
 
@@ -193,16 +192,20 @@ def recorded_objectives(
 
 
 def _limits(start: Start, bundle: Bundle) -> RobotLimits:
-    settings, (x, y) = start.settings, bundle.manifest.action
-    return RobotLimits(
-        low=(x.low, y.low),
-        high=(x.high, y.high),
-        preview=bundle.manifest.dynamics.at_period(1.0 / settings.rate_hz).preview(1),
-        max_step=math.inf if settings.max_step is None else settings.max_step,
+    settings = start.settings
+    return robot_limits(
+        bundle.manifest,
+        1.0 / settings.rate_hz,
+        max_step=_limit(settings.max_step),
         max_state_age_s=settings.max_state_age_s,
-        max_speed_m_s=math.inf if settings.max_speed_m_s is None else settings.max_speed_m_s,
-        max_unfamiliar_s=math.inf if settings.max_unfamiliar_s is None else settings.max_unfamiliar_s,
+        max_speed_m_s=_limit(settings.max_speed_m_s),
+        max_unfamiliar_s=_limit(settings.max_unfamiliar_s),
+        max_yaw_rate_rad_s=_limit(settings.max_yaw_rate_rad_s),
     )
+
+
+def _limit(recorded: float | None) -> float:
+    return math.inf if recorded is None else recorded
 
 
 def _pairs(recorded: msgspec.Struct, replayed: msgspec.Struct) -> Iterator[tuple[str, object, object]]:

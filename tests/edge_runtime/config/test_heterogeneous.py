@@ -62,7 +62,7 @@ def test_its_own_dynamics_reach_preview_and_guide(mission_of):
     assert (dynamics.mass_kg, dynamics.drag) == (2.5, 0.5)
     assert unchanged.bundle.manifest.dynamics.mass_kg != 2.5
     controller = mission.controller(1)
-    expected = dynamics.at_period(mission.period_s).preview(1)
+    expected = mission.bundle.manifest.motion.at_period(mission.period_s).preview(1)
     assert controller.limits.preview == expected
     assert controller.limits.preview.velocity_gain == pytest.approx(mission.period_s / 2.5)
 
@@ -92,7 +92,7 @@ def test_the_guard_holds_to_the_same_limit(mission_of):
     for robot_id, most in ((1, 0.25), (0, mission_of(0).bundle.manifest.action[0].high)):
         mission = mission_of(robot_id, "--rate", "50")
         spec = make_spec(robot_id, mission.bundle.manifest, flags, mission.rate_hz)
-        assert spec.limits.action == most
+        assert (spec.limits.low, spec.limits.high) == ((-most, -most), (most, most))
 
 
 def test_an_unknown_robot_lists_the_known_ones(mission_of):

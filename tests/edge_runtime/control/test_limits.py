@@ -14,13 +14,13 @@ from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, T
 LIMITS = RobotLimits(
     low=(-1.0, -0.5),
     high=(1.0, 2.0),
-    preview=MANIFEST.dynamics.preview(1),
+    preview=MANIFEST.motion.preview(1),
     max_step=math.inf,
     max_state_age_s=0.1,
 )
 OWN = RobotState(3, 10.0, (0.1, 0.2), (0.4, -0.4))
 TEAM = TeamState(OWN)
-BEFORE = first_command(3)
+BEFORE = first_command(3, 2, 2)
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 vectors = st.tuples(anything, anything)

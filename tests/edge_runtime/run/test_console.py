@@ -132,6 +132,7 @@ class Robots:
 
     def __init__(self, stop_reason):
         self.stop_reason = stop_reason
+        self.unfamiliar_now = ""
         self.robots = {0: RobotTally()}
 
     def reached(self, robot_id):

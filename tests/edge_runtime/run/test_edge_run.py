@@ -210,7 +210,7 @@ class ScriptedBridge:
     """A robot that reports what the script says, and keeps what it was told."""
 
     name = "scripted"
-    max_speed_m_s = math.inf
+    max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints = ()
     reaction = None
 
@@ -237,6 +237,12 @@ class ScriptedBridge:
 
     def ranges_m(self):
         return None
+
+    def tracked(self):
+        return ()
+
+    def readings(self):
+        return ()
 
     def write(self, command):
         self.written.append(command)

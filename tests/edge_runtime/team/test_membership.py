@@ -35,6 +35,12 @@ class Simulated:
     def ranges_m(self):
         return (0.25,) * 12
 
+    def tracked(self):
+        return ()
+
+    def readings(self):
+        return ()
+
 
 def test_without_a_carrier_the_team_is_the_local_one():
     with open_fleet(mission(DEFAULT_FLEET), Simulated()) as link:

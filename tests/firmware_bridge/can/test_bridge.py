@@ -68,7 +68,7 @@ def specification(*flags, rate_hz=20.0):
 def test_flags_become_a_specification():
     spec = specification("--arm", "--pose", "1", "-2", "0.5", "--max-speed", "0.8", "--guard-deadline", "0.2")
     assert (spec.link, spec.robot_id, spec.arm, spec.deadline_s) == ("can", 2, True, 0.2)
-    assert spec.limits == SetpointLimits(0.8, 2.0)
+    assert spec.limits == SetpointLimits(0.8, (-1.0, -2.0), (1.0, 0.5))
     options = msgspec.json.decode(spec.options, type=CanOptions)
     assert options.bus == "can0"
     assert options.profile.endswith("agilex_v2.toml")
@@ -161,7 +161,12 @@ def test_two_mock_odrives_drive_and_stop():
     thread.start()
     assert listening.wait(HANG_S)  # the guard asks each drive to enable only once
     profile = patient_profile("odrive_cansimple")
-    spec = patient_spec(address, profile, limits=SetpointLimits(1.0, 1.0), allow_unsafe_firmware_timeout=True)
+    spec = patient_spec(
+        address,
+        profile,
+        limits=SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0)),
+        allow_unsafe_firmware_timeout=True,
+    )
     try:
         with GuardedBridge(spec) as bridge:
             drive(bridge, (0.3, 0.0), lambda state: state.velocity_m_s[0] > 0.29)
@@ -217,7 +222,10 @@ def test_a_limo_drives_sideways_over_its_serial_port():
     with Limo() as limo:
         profile = patient_profile("agilex_limo")
         spec = patient_spec(
-            limo.port, profile, limits=SetpointLimits(1.0, 1.0), allow_unsafe_firmware_timeout=True
+            limo.port,
+            profile,
+            limits=SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0)),
+            allow_unsafe_firmware_timeout=True,
         )
         with GuardedBridge(spec) as bridge:
             drive(bridge, (0.0, 0.25), lambda state: state.position_m[1] > 0.01)

@@ -1,5 +1,4 @@
 import math
-import struct
 
 import pytest
 from guard_fakes import FakeLink, spec
@@ -11,6 +10,8 @@ from edge_runtime.messages import RobotState
 from firmware_bridge.guard.core import MOST_COMPLAINTS, Guard, check_firmware_timeout, limit_fault
 from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
 from firmware_bridge.guard.wire import Complaint, Counts, Event, Phase, encode_command, encode_stop
+
+LIMITS = SetpointLimits(1.0, (-2.0, -2.0), (2.0, 2.0))
 
 
 class Rig:
@@ -240,7 +241,10 @@ def test_leaving_before_the_first_command_touches_nothing():
         ((0.0, 0.0), (0.0, math.nan), "not finite"),
         ((0.0, 0.0), (math.nan, 0.0), "not finite"),
         ((0.8, 0.61), (0.0, 0.0), "over the limit of 1 m/s"),
-        ((0.0, 0.0), (0.0, -2.01), "over the limit of 2"),
+        ((0.0, 0.0), (0.0, -2.01), "-2.010 is outside its limits, -2 to 2"),
+        ((0.0, 0.0), (0.0,), "action of 1 components, this robot takes 2"),
+        ((0.0, 0.0), (0.0,) * 8, "action of 8 components, this robot takes 2"),
+        ((0.0, 0.0, 0.0), (0.0, 0.0), "velocity of 3 components, this robot takes 2"),
     ],
 )
 def test_a_bad_command_stops(velocity, action, said):
@@ -251,7 +255,16 @@ def test_a_bad_command_stops(velocity, action, said):
 
 
 def test_limits_themselves_are_allowed():
-    assert limit_fault(Setpoint(0, 0.0, (2.0, -2.0), (0.6, 0.8)), SetpointLimits(1.0, 2.0)) == ""
+    assert limit_fault(Setpoint(0, 0.0, (2.0, -2.0), (0.6, 0.8)), LIMITS) == ""
+    turning = SetpointLimits(1.0, (-2.0, 0.0, -1.0), (2.0, 1.0, 1.0), yaw_rate_rad_s=1.5, dims=3)
+    assert limit_fault(Setpoint(0, 0.0, (-2.0, 0.0, 1.0), (0.0, 0.6, -0.8), -1.5), turning) == ""
+
+
+@pytest.mark.parametrize("yaw_rate", [0.001, -0.001, math.nan, math.inf])
+def test_a_robot_that_is_not_to_turn_is_not_turned(yaw_rate):
+    rig = Rig().driving()
+    rig.guard.on_packet(encode_command(Setpoint(10**6, rig.now, (0.0, 0.0), (0.0, 0.0), yaw_rate)), rig.now)
+    assert rig.link.log == ["stop 1"]
 
 
 def test_a_command_from_the_future_stops():
@@ -284,22 +297,43 @@ def test_no_mutated_packet_moves_a_watched_robot_beyond_its_limits(junk, place):
     sent = []
     rig.link.send = lambda setpoint, _now: sent.append(setpoint)
     rig.guard.on_packet(packet[:place] + junk + packet[place + len(junk) :], rig.now)
-    assert all(limit_fault(setpoint, SetpointLimits(1.0, 2.0)) == "" for setpoint in sent)
+    assert all(limit_fault(setpoint, LIMITS) == "" for setpoint in sent)
 
 
-@given(st.tuples(*[st.floats() for _ in range(5)]), st.integers(0, 2**64 - 1))
-def test_only_finite_commands_within_limits_are_forwarded(numbers, sequence):
-    rig = Rig(arm=False)
-    stamp, *vector = numbers
-    packet = struct.pack("<HBxQd4d", 0xCF61, 1, sequence, stamp, *vector)
-    rig.guard.on_packet(packet, rig.now)
+def mostly(low, high):
+    """Numbers of which most lie within limits, so that commands of many are sometimes in order."""
+    return st.floats(low, high) | st.floats(low, high) | st.floats(1.1 * low, 1.1 * high) | st.floats()
+
+
+@st.composite
+def limited_commands(draw):
+    """Limits of a robot of d action components, and a command that may keep them, of that length or not."""
+    count, dims = draw(st.integers(1, 8)), draw(st.integers(2, 3))
+    low, high = [-1.0] * count, draw(st.lists(st.sampled_from([0.0, 2.0]), min_size=count, max_size=count))
+    limits = SetpointLimits(1.0, tuple(low), tuple(high), yaw_rate_rad_s=1.5, dims=dims)
+    sizes = draw(st.just((count, dims)) | st.tuples(st.integers(1, 8), st.integers(2, 3)))
+    action = draw(st.lists(mostly(-1.0, 0.0), min_size=sizes[0], max_size=sizes[0]))
+    velocity = draw(st.lists(mostly(-0.5, 0.5), min_size=sizes[1], max_size=sizes[1]))
+    stamp, turn = draw(mostly(99.95, 100.0)), draw(mostly(-1.5, 1.5))
+    sequence = draw(st.integers(0, 2**64 - 1))
+    return limits, Setpoint(sequence, stamp, tuple(action), tuple(velocity), turn)
+
+
+@given(limited_commands())
+def test_only_finite_commands_within_limits_are_forwarded(case):
+    limits, setpoint = case
+    rig = Rig(arm=False, limits=limits)
+    rig.guard.on_packet(encode_command(setpoint), rig.now)
+    action, velocity = setpoint.action, setpoint.velocity_m_s
     allowed = (
-        all(map(math.isfinite, numbers))
-        and rig.now - 0.06 <= stamp <= rig.now + 0.001
-        and max(map(abs, vector[:2])) <= 2.0
-        and math.hypot(*vector[2:]) <= 1.0
+        len(action) == len(limits.low)
+        and len(velocity) == limits.dims
+        and all(-1.0 <= value <= high for value, high in zip(action, limits.high, strict=True))
+        and math.hypot(*velocity) <= 1.0
+        and abs(setpoint.yaw_rate_rad_s) <= 1.5
+        and rig.now - 0.06 <= setpoint.stamp_s <= rig.now + 0.001
     )
-    assert (rig.link.log == [("send", sequence)]) == allowed
+    assert (rig.link.log == [("send", setpoint.sequence)]) == allowed
 
 
 def test_a_refused_setpoint_stops():

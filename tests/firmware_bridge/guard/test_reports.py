@@ -150,9 +150,9 @@ def test_a_stop_sequence_ends_at_its_bound_at_the_latest():
 
 def test_a_report_without_a_state_holds_zeros_in_its_place():
     packet = encode_report(Report(Phase.WATCHING, Counts(), None), 1.0)
-    robot_id, state = packet[4:12], packet[22:62]
+    robot_id, state = packet[4:12], packet[21:86]
     assert robot_id == bytes(8)
-    assert state == bytes(40)
+    assert state == bytes(65)
 
 
 def test_an_event_carries_no_sequence():
@@ -160,7 +160,7 @@ def test_an_event_carries_no_sequence():
 
 
 def fault(velocity=(0.0, 0.0), action=(0.0, 0.0)):
-    return limit_fault(Setpoint(0, 100.0, action, velocity), SetpointLimits(speed_m_s=1.0, action=2.0))
+    return limit_fault(Setpoint(0, 100.0, action, velocity), SetpointLimits(1.0, (-2.0, -2.0), (2.0, 2.0)))
 
 
 def test_rounding_is_not_over_the_limit_and_more_is():
@@ -168,7 +168,7 @@ def test_rounding_is_not_over_the_limit_and_more_is():
     assert fault(velocity=(1.0 + 1e-9, 0.0)) == ""
     assert fault(velocity=(1.001, 0.0)) == "command of 1.001 m/s is over the limit of 1 m/s"
     assert fault(action=(0.0, -2.0 * (1.0 + 1e-9))) == ""
-    assert fault(action=(0.0, -2.001)) == "action of 2.001 is over the limit of 2"
+    assert fault(action=(0.0, -2.001)) == "action of -2.001 is outside its limits, -2 to 2"
     assert fault(velocity=(float("nan"), 0.0)) == "command is not finite"
 
 
@@ -198,9 +198,9 @@ def test_a_stop_asks_for_the_health_of_now():
 @pytest.mark.parametrize(
     ("packet", "said"),
     [
-        (b"\x62\xcf", "2 bytes are no frame"),
-        (b"\x62\xcf" + bytes(18), "kind 0 in 20 bytes"),
-        (bytes(20), "magic 0x0000 instead of 0xcf62"),
+        (b"\x63\xcf", "2 bytes are no frame"),
+        (b"\x63\xcf" + bytes(18), "kind 0 in 20 bytes"),
+        (bytes(20), "magic 0x0000 instead of 0xcf63"),
     ],
 )
 def test_a_malformed_packet_is_described(packet, said):

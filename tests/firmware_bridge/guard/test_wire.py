@@ -1,12 +1,14 @@
 import math
+import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.messages import RobotState
+from edge_runtime.messages import LONGEST_ACTION, RobotState
 from firmware_bridge.guard.link import Setpoint
 from firmware_bridge.guard.wire import (
+    MAGIC,
     PACKET_BYTES,
     Complaint,
     Counts,
@@ -24,12 +26,17 @@ from firmware_bridge.guard.wire import (
 )
 
 numbers = st.floats(allow_nan=False)
-pairs = st.tuples(numbers, numbers)
+planes, spaces = (st.tuples(*[numbers] * dims) for dims in (2, 3))
+actions = st.lists(numbers, min_size=1, max_size=LONGEST_ACTION).map(tuple)
 counts = st.builds(Counts, *[st.integers(0, 2**64 - 1)] * 5)
-states = st.builds(RobotState, st.integers(0, 2**64 - 1), numbers, pairs, pairs, numbers)
+ids = st.integers(0, 2**64 - 1)
+states = st.one_of(
+    st.builds(RobotState, ids, numbers, places, places, numbers, numbers) for places in (planes, spaces)
+)
+setpoints = st.builds(Setpoint, ids, numbers, actions, planes | spaces, numbers)
 
 
-@given(st.builds(Setpoint, st.integers(0, 2**64 - 1), numbers, pairs, pairs))
+@given(setpoints)
 def test_commands_come_back(setpoint):
     assert decode_request(encode_command(setpoint)) == setpoint
 
@@ -65,6 +72,29 @@ def test_nan_survives_so_that_the_guard_can_refuse_it():
     assert math.isnan(decode_request(packet).action[0])
 
 
+@given(setpoints, st.integers(0, 255), st.integers(0, 255))
+def test_an_action_of_another_length_than_the_frame_is_refused(setpoint, action, dims):
+    packet = bytearray(encode_command(setpoint))
+    packet[20:22] = action, dims
+    lengths = len(setpoint.action), len(setpoint.velocity_m_s)
+    fits = 1 <= action <= 8 and dims in (2, 3) and action + dims == sum(lengths)
+    if fits:
+        decoded = decode_request(bytes(packet))
+        assert (len(decoded.action), len(decoded.velocity_m_s)) == (action, dims)
+        return
+    said = f"an action of {action} and a velocity of {dims} components in {len(packet)} bytes"
+    with pytest.raises(WireError, match=said):
+        decode_request(bytes(packet))
+
+
+@given(st.sampled_from([1, *range(4, 256)]))
+def test_a_state_of_another_length_is_refused(dims):
+    packet = bytearray(encode_report(Report(Phase.DRIVING, Counts(), None), 1.0))
+    packet[21] = dims
+    with pytest.raises(WireError, match=f"a state of {dims} components"):
+        decode_answer(bytes(packet))
+
+
 @given(st.binary(max_size=300))
 def test_junk_is_refused_by_both_sides(packet):
     for decode in (decode_request, decode_answer):
@@ -77,7 +107,7 @@ def test_junk_behind_a_right_header_never_crashes(body):
     for kind in range(6):
         for decode in (decode_request, decode_answer):
             try:
-                decode(bytes([0x61, 0xCF, kind]) + body)
+                decode(struct.pack("<HB", MAGIC, kind) + body)
             except WireError:
                 continue
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for, yaw_from_steering
+from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for, turning, yaw_from_steering
 
 OMNI = Base("omnidirectional")
 STRICT = Base("differential")
@@ -84,6 +84,28 @@ def test_standing_cars_only_turn_their_wheels():
     assert motion_for((0.0, -0.1), 0.0, CAR) == BaseMotion(0.0, 0.0, 0.0, -0.6)
     assert motion_for((0.0, 0.0), 0.0, CAR) == BaseMotion()
     assert yaw_from_steering(0.0, 0.6, CAR) == 0.0
+
+
+@given(component, st.floats(-2, 2), heading)
+def test_bases_turn_as_a_policy_asks_within_their_limit(speed, turn, angle):
+    """The velocity points where the robot will look by then, here 0.05 s ahead."""
+    ahead = angle + 0.05 * turn
+    velocity = speed * math.cos(ahead), speed * math.sin(ahead)
+    rolling = motion_for(velocity, angle, turning(AHEAD), turn)
+    assert (rolling.forward_m_s, rolling.lateral_m_s) == (pytest.approx(speed, abs=1e-12), 0.0)
+    assert rolling.yaw_rad_s == turn
+    assert turning(AHEAD).reference_m == 0.0
+    slipping = motion_for(velocity, angle, OMNI, turn)
+    assert math.hypot(slipping.forward_m_s, slipping.lateral_m_s) == pytest.approx(abs(speed))
+    assert slipping.yaw_rad_s == turn
+    fast = motion_for(velocity, angle, turning(AHEAD), 4.0)
+    assert (fast.forward_m_s, fast.yaw_rad_s) == (pytest.approx(speed / 2.0), 2.0)
+
+
+def test_cars_turn_by_steering():
+    motion = motion_for((0.5, 0.0), 0.0, turning(CAR), 0.25)
+    assert (motion.forward_m_s, motion.yaw_rad_s) == pytest.approx((0.5, 0.25))
+    assert motion.steering_rad == pytest.approx(math.atan(0.5 * 0.5))
 
 
 def test_slowing_down_keeps_the_curve():

@@ -5,7 +5,6 @@ import msgspec
 import pytest
 
 from edge_runtime.errors import BridgeError, ConfigError
-from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.models import PointForce
 from edge_runtime.policy.manifest import ActionField
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
@@ -14,9 +13,9 @@ from firmware_bridge.mavlink.bridge import add_arguments, make_spec, options_fro
 from firmware_bridge.mavlink.link import MavlinkLink, make_link
 from firmware_bridge.mavlink.options import MavlinkOptions
 
-DYNAMICS = Dynamics(mass_kg=2.0, drag=0.25, dt_s=0.1)
+MOTION = PointForce(mass_kg=2.0, drag=0.25, dt_s=0.1)
 ACTION = tuple(ActionField(f"force_{axis}", "N", -1.25, 1.0) for axis in "xy")
-MANIFEST = msgspec.structs.replace(bundles.MANIFEST, motion=PointForce(2.0, 0.25, 0.1), action=ACTION)
+MANIFEST = msgspec.structs.replace(bundles.MANIFEST, motion=MOTION, action=ACTION)
 
 
 def make_bridge(*flags):
@@ -50,12 +49,12 @@ def test_flags_reach_the_guard():
         "mavlink",
         3,
         True,
-        SetpointLimits(1.5, 1.25),
+        SetpointLimits(1.5, (-1.25, -1.25), (1.0, 1.0)),
     )
     assert options_of(bridge) == MavlinkOptions(
         autopilot="px4",
         address="serial:/dev/ttyACM0:921600",
-        dynamics=DYNAMICS.at_period(0.02),
+        motion=MOTION.at_period(0.02),
         point_ahead_m=0.3,
         system_id=5,
         source_system=9,

@@ -68,12 +68,12 @@ class TestReading:
 
     def test_local_position(self):
         assert content(local_position(1500, 1.0, 2.0, 0.5, 0.25)) == LocalPosition(
-            1.5, (1.0, 2.0), (0.5, 0.25)
+            1.5, (1.0, 2.0), (0.5, 0.25), -3.0, 0.0
         )
 
     def test_odometry(self):
         assert content(odometry()) == Odometry(
-            2.5, (1.0, 2.0), (0.25, 0.5), (1.0, 0.0, 0.0, 0.0), 0.5, resets=7
+            2.5, (1.0, 2.0), (0.25, 0.5), (1.0, 0.0, 0.0, 0.0), 0.5, 7, 3.0, 0.75
         )
 
     @pytest.mark.parametrize(("frame_id", "child_frame_id"), [(20, 12), (1, 1), (0, 12)])
@@ -335,12 +335,12 @@ class TestWriting:
         return read
 
     def test_target(self, read):
-        message = read(Target(8, 0x5C7, (1.5, -0.5), -0.75))
+        message = read(Target(8, 0x5C7, (1.5, -0.5, 0.25), -0.75))
         assert message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
         assert (message.target_system, message.target_component, message.time_boot_ms) == (1, 1, 12_500)
         assert (message.coordinate_frame, message.type_mask) == (8, 0x5C7)
         assert (message.x, message.y, message.z, message.yaw) == (0.0, 0.0, 0.0, 0.0)
-        assert (message.vx, message.vy, message.vz) == (1.5, -0.5, 0.0)
+        assert (message.vx, message.vy, message.vz) == (1.5, -0.5, 0.25)
         assert (message.afx, message.afy, message.afz) == (0.0, 0.0, 0.0)
         assert message.yaw_rate == -0.75
 
@@ -351,16 +351,16 @@ class TestWriting:
         target=st.tuples(st.integers(1, 255), st.integers(1, 255)),
         frame=st.integers(0, 255),
         mask=st.integers(0, 2**16 - 1),
-        numbers=st.lists(st.floats(width=32, allow_nan=False), min_size=3, max_size=3),
+        numbers=st.lists(st.floats(width=32, allow_nan=False), min_size=4, max_size=4),
         tick=st.none() | st.integers(0, 2**48 - 1),
     )
-    @example(0, 0.0, 1, (1, 1), ord("X"), 0, [0.0, 0.0, 0.0], None)
+    @example(0, 0.0, 1, (1, 1), ord("X"), 0, [0.0, 0.0, 0.0, 0.0], None)
     def test_setpoints_are_pymavlinks_to_the_bit(
         self, sequence, now_s, system, target, frame, mask, numbers, tick
     ):
-        vx, vy, rate = numbers
+        vx, vy, vz, rate = numbers
         message = common.MAVLink_set_position_target_local_ned_message(
-            int(now_s * 1e3) % 2**32, *target, frame, mask, 0, 0, 0, vx, vy, 0, 0, 0, 0, 0, rate
+            int(now_s * 1e3) % 2**32, *target, frame, mask, 0, 0, 0, vx, vy, vz, 0, 0, 0, 0, rate
         )
         oracle = common.MAVLink(None, srcSystem=system, srcComponent=COMPANION)
         oracle.seq = sequence
@@ -371,7 +371,7 @@ class TestWriting:
             signing = Signing(KEY, SimpleNamespace(last=0, next=lambda: tick))
         encoder = Encoder(system, target, signing)
         encoder._packer.seq = sequence
-        outgoing = Target(frame, mask, (vx, vy), rate)
+        outgoing = Target(frame, mask, (vx, vy, vz), rate)
         assert encoder.encode(outgoing, now_s) == bytes(message.pack(oracle))
 
     def test_the_time_wraps_with_its_field(self, read):
@@ -406,7 +406,7 @@ class TestWriting:
         encoder = Encoder(255, (1, 1))
         assert [encoder.encode(Beat(), 0.0)[4] for _ in range(258)] == [*range(256), 0, 1]
 
-    @pytest.mark.parametrize("outgoing", [Beat(), Target(8, 0x5C7, (1.5, -0.5))])
+    @pytest.mark.parametrize("outgoing", [Beat(), Target(8, 0x5C7, (1.5, -0.5, 0.0))])
     def test_a_rehearsal_uses_up_no_number_and_no_timestamp(self, outgoing, signing):
         encoder = Encoder(255, (1, 1), signing)
         first = encoder.encode(outgoing, 0.0)

@@ -10,7 +10,7 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.doctor.finding import Verdict, examine
 from edge_runtime.errors import ConfigError
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.models import PointForce
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.guard.spec import GuardFlags
 from firmware_bridge.mavlink.bridge import MavlinkFlags
@@ -70,7 +70,7 @@ def key(tmp_path):
 
 
 def hear(profile="px4", signing_key=""):
-    dynamics = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.05)
+    dynamics = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.05)
     options = MavlinkOptions(profile, FLAGS.address, dynamics, signing_key=str(signing_key))
     heard = conversation.listen(options)
     return heard, examine("autopilot", lambda: autopilot(heard, options))

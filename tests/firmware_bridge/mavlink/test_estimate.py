@@ -73,3 +73,26 @@ def test_older_positions_do_not_replace_newer_ones_and_none_is_of_the_future(clo
     assert robot.state.stamp_s == 11.9
     robot.on_local_position(LocalPosition(1.8, (9.0, 9.0), (0.0, 0.0)), 12.0)
     assert robot.state.position_m == (2.0, 1.0)
+
+
+def test_in_space_up_is_minus_down_and_tilt_is_turned_back(clock):
+    robot = Estimate(3, clock, (100.0, 200.0), 0.0, dims=3)
+    robot.on_attitude(Attitude(2.0, math.pi / 2, 0.25))
+    robot.on_local_position(LocalPosition(2.0, (1.0, 2.0), (0.25, 0.5), -3.0, 0.75), 12.01)
+    assert robot.state.position_m == (102.0, 201.0, 3.0)
+    assert robot.state.velocity_m_s == (0.5, 0.25, -0.75)
+    assert robot.state.yaw_rate_rad_s == -0.25
+    tilted = Rotation.from_euler("ZYX", [0.7, 0.2, -0.3])
+    x, y, z, w = tilted.as_quat()
+    robot.on_odometry(Odometry(2.1, (1.0, 2.0), (0.5, 0.25), (w, x, y, z), 0.1, 0, -4.0, 0.125), 12.11)
+    north, east, down = tilted.apply([0.5, 0.25, 0.125])
+    assert robot.state.velocity_m_s == pytest.approx((east, north, -down))
+    assert robot.state.position_m == (102.0, 201.0, 4.0)
+
+
+def test_a_height_that_is_none_matters_in_space_alone(clock):
+    for dims in (2, 3):
+        robot = Estimate(3, clock, (0.0, 0.0), 0.0, dims=dims)
+        robot.on_attitude(Attitude(2.0, 0.0, 0.0))
+        robot.on_local_position(LocalPosition(2.0, (1.0, 2.0), (0.0, 0.0), math.nan, 0.0), 12.01)
+        assert (robot.state is None) == (dims == 3)

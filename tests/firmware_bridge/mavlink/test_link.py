@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as common
 
 import firmware_bridge.mavlink.channel as mavlink_channel
 from edge_runtime.errors import BridgeError, ConfigError
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.models import PointForce
 from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
 from firmware_bridge.mavlink.link import MavlinkLink
 from firmware_bridge.mavlink.options import MavlinkOptions
@@ -16,8 +16,8 @@ from firmware_bridge.mavlink.signing import clock_ticks
 
 SET_MODE, ARM, SET_INTERVAL = 176, 400, 511
 POSE_S = 0.02
-DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1).at_period(0.02)
-LIMITS = SetpointLimits(speed_m_s=1.0, action=1.0)
+DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1).at_period(0.02)
+LIMITS = SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0))
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ def test_node_mavlink_verifies_every_frame_that_we_sign(signing):
     encoder = Encoder(255, (1, 1), signing)
     outgoing = (
         Beat(),
-        Target(8, 0x5C7, (0.5, 0.0), yaw_rate_rad_s=-0.25),
+        Target(8, 0x5C7, (0.5, 0.0, 0.0), yaw_rate_rad_s=-0.25),
         Command(176, (1.0, 15.0)),
         ParameterRequest("GUID_TIMEOUT"),
         TimeSync(0, 123_456_789),

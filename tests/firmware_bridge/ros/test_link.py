@@ -323,7 +323,7 @@ def test_commands_carry_the_robots_time(rig):
 def test_the_specification_names_client_profile_and_namespace(ros, client):
     options = RosOptions(ros, str(profile_path("generic")), "/a200_0000", Origin(1.0, 2.0, 3.0), ("/ros",))
     raw = msgspec.Raw(msgspec.json.encode(options))
-    link = make_link(GuardSpec(f"ros{ros}", 4, 0.1, SetpointLimits(1.0, 1.0), raw))
+    link = make_link(GuardSpec(f"ros{ros}", 4, 0.1, SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0)), raw))
     assert isinstance(link._client, client)
     assert link._profile.command == "/a200_0000/cmd_vel"
     link._inbox.close()
