@@ -10,6 +10,9 @@ from edge_runtime.messages import LONGEST_ACTION
 from edge_runtime.motion.linear import Axis, Row
 from edge_runtime.motion.model import Fault, LinearModel, not_positive, outside
 
+SMALL = 1e-5
+"""Share of the velocity lost in a step below which differences would lose their digits."""
+
 
 class LinearTable(LinearModel, frozen=True, tag="table"):
     """One step along each axis is given by gains, under an action u of d components.
@@ -120,12 +123,15 @@ def _after(axis: Axis, steps: float) -> Axis:
     """The axis of so many steps, which need not be whole: `Axis.after` in closed form.
 
     With k the velocity's decay, kept over n steps is k^n, added up it is S = (1 - k^n) / (1 - k), and
-    added up once more (n - S) / (1 - k); without decay n, and n (n - 1) / 2.
+    added up once more (n - S) / (1 - k); where hardly any is lost, the first terms of their binomial series.
     """
-    keep = axis.velocity_decay
-    kept = keep**steps
-    total = steps if keep == 1.0 else (1.0 - kept) / (1.0 - keep)
-    twice = steps * (steps - 1.0) / 2.0 if keep == 1.0 else (steps - total) / (1.0 - keep)
+    kept, lost = axis.velocity_decay**steps, 1.0 - axis.velocity_decay
+    if lost > SMALL:
+        total = (1.0 - kept) / lost
+        twice = (steps - total) / lost
+    else:
+        twice = steps * (steps - 1.0) / 2.0 * (1.0 - lost * (steps - 2.0) / 3.0)
+        total = steps - lost * twice
     pairs = zip(axis.velocity_gain, axis.position_gain, strict=True)
     return Axis(
         kept,
