@@ -9,11 +9,11 @@ import numpy as np
 from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.messages import TeamState
 from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.policy.weights import Activation, FlowWeights
-from export.evaluation.outlook import TeamBatch
+from export.evaluation.outlook import MotionBatch, TeamBatch
 
 TIME_FEATURES = 16
 DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
@@ -63,19 +63,7 @@ class Workload:
 
     def team_state(self) -> TeamState:
         """The first robot's view of its team."""
-        team = self.team
-        own = RobotState(0, 0.0, _pair(team.position_m[0]), _pair(team.velocity_m_s[0]))
-        mates = zip(team.mate_position_m[0], team.mate_velocity_m_s[0], team.mate_action[0], strict=True)
-        teammates = [
-            Teammate(RobotState(1 + index, 0.0, _pair(position), _pair(velocity)), _pair(action))
-            for index, (position, velocity, action) in enumerate(mates)
-        ]
-        return TeamState(own, tuple(teammates))
-
-
-def _pair(values: Floats) -> tuple[float, float]:
-    x, y = values.tolist()
-    return x, y
+        return self.team.row(0)
 
 
 def random_weights(case: Case, seed: int = 0) -> FlowWeights:
@@ -109,11 +97,9 @@ def workload(case: Case, seed: int = 0) -> Workload:
     objectives = objectives[: case.objectives]
     team = TeamBatch(
         robot_id=np.zeros(batch, np.int64),
-        position_m=0.2 * rng.standard_normal((batch, 2)),
-        velocity_m_s=0.5 * rng.standard_normal((batch, 2)),
+        own=MotionBatch.of(0.2 * rng.standard_normal((batch, 2)), 0.5 * rng.standard_normal((batch, 2))),
         mate_id=np.broadcast_to(1 + np.arange(case.neighbours), mates[:2]),
-        mate_position_m=0.2 * rng.standard_normal(mates),
-        mate_velocity_m_s=0.2 * rng.standard_normal(mates),
+        mates=MotionBatch.of(0.2 * rng.standard_normal(mates), 0.2 * rng.standard_normal(mates)),
         mate_action=rng.standard_normal(mates),
     )
     return Workload(

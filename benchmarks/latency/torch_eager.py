@@ -11,7 +11,6 @@ from edge_runtime.objectives import Objective, SpeedLimit
 from edge_runtime.policy.weights import FlowWeights
 
 Cost = Callable[[Tensor], Tensor]
-TENSORS = ("position_m", "velocity_m_s", "mate_position_m", "mate_velocity_m_s", "mate_action")
 
 
 class VelocityNetwork(nn.Module):
@@ -47,7 +46,15 @@ class VelocityNetwork(nn.Module):
 
 def make_costs(work: Workload) -> list[Cost]:
     """J_m as functions of the terminal estimate (B, d), summed over the batch."""
-    team = {name: torch.from_numpy(getattr(work.team, name)).float() for name in TENSORS}
+    own, mates = work.team.own, work.team.mates
+    arrays = {
+        "position_m": own.position_m,
+        "velocity_m_s": own.velocity_m_s,
+        "mate_position_m": mates.position_m,
+        "mate_velocity_m_s": mates.velocity_m_s,
+        "mate_action": work.team.mate_action,
+    }
+    team = {name: torch.from_numpy(values).float() for name, values in arrays.items()}
     guide = work.make_guide()
     return [_cost(o, preview, team) for o, preview in zip(guide.objectives, guide.previews, strict=True)]
 

@@ -67,12 +67,12 @@ class Objectives(nn.Module):
             outlook = look_ahead_batch(workload.team, preview)
             if isinstance(objective, SpeedLimit):
                 limit = objective.limit_m_s - objective.buffer_m_s
-                drift = torch.from_numpy(outlook.drift_velocity_m_s).float()
+                drift = torch.from_numpy(outlook.drift.velocity_m_s).float()
                 self.terms.append((True, preview.velocity_gain, limit, drift, None))
             else:
                 keep = objective.distance_m + objective.buffer_m
-                drift = torch.from_numpy(outlook.drift_position_m).float()
-                mates = torch.from_numpy(outlook.mate_position_m).float()
+                drift = torch.from_numpy(outlook.drift.position_m).float()
+                mates = torch.from_numpy(outlook.mates.position_m).float()
                 self.terms.append((False, preview.position_gain, keep, drift, mates))
 
     def gradients(self, estimate: Tensor) -> list[Tensor]:

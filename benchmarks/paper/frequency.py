@@ -18,7 +18,7 @@ TICKS = 200
 def control_frequency(task: Task, bundle: Bundle, euler_steps: int) -> float:
     """One over the median duration of a guided tick of the numpy runtime, in Hz."""
     policy = FlowPolicy(bundle.weights, euler_steps) if bundle.weights else bundle.policy(1, euler_steps)
-    guide = make_guide(ObjectiveSet(task.objectives), bundle.manifest.dynamics)
+    guide = make_guide(ObjectiveSet(task.objectives), bundle.manifest.motion)
     observation = np.zeros((1, policy.observation_dim), np.float32)
     # Close enough to each other for the team's objectives to be at work.
     mates = [Teammate(RobotState(k, 0.0, (0.1 * k, 0.1), (0.2, 0.0))) for k in range(1, 4)]

@@ -49,7 +49,7 @@ def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
         replace(o, look_ahead=(settings.look_ahead or o.look_ahead) * settings.look_ahead_factor)
         for o in _asked(task, settings.deconfliction)
     )
-    guide = make_guide(ObjectiveSet(objectives, settings.guidance), bundle.manifest.dynamics)
+    guide = make_guide(ObjectiveSet(objectives, settings.guidance), bundle.manifest.motion)
     corrected = tuple(sorted(guide.preferences + guide.requirements))
     if settings.corrected_as == "preferences":
         return replace(guide, preferences=corrected, requirements=())
@@ -107,13 +107,13 @@ def _sampled(
 def _mean(bundle: Bundle) -> MakeDecide:
     """A Gaussian policy as robots run it: a flow of one step that starts at zero."""
     alone = ObjectiveSet((), GuidanceSettings(start_noise=0.0))
-    return _sampled(bundle, make_guide(alone, bundle.manifest.dynamics))
+    return _sampled(bundle, make_guide(alone, bundle.manifest.motion))
 
 
 def _post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
     """A Gaussian policy whose mean action is adapted afterwards."""
     asked = ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0))
-    guide, predict = make_guide(asked, bundle.manifest.dynamics), _mean(bundle)
+    guide, predict = make_guide(asked, bundle.manifest.motion), _mean(bundle)
 
     def prepare(batch: int) -> Decide:
         mean = predict(batch)

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.paper.rows import Setting
 from edge_runtime.common.arrays import Floats
-from export.evaluation.outlook import TeamBatch
+from export.evaluation.outlook import MotionBatch, TeamBatch
 
 
 class Neighbourhood:
@@ -27,16 +27,15 @@ class Neighbourhood:
         told = action if self._setting.intentions else np.zeros_like(action)
         sent = TeamBatch.of_teams(position, velocity, told)
         heard = self._hear(
-            np.concatenate([sent.mate_position_m, sent.mate_velocity_m_s, sent.mate_action], -1)
+            np.concatenate([sent.mates.position_m, sent.mates.velocity_m_s, sent.mate_action], -1)
         )
-        distance = np.linalg.norm(heard[..., :2] - sent.position_m[:, None], axis=-1)
+        distance = np.linalg.norm(heard[..., :2] - sent.own.position_m[:, None], axis=-1)
         nearest = np.argsort(distance, axis=1, kind="stable")[:, : self._setting.neighbours]
         heard = np.take_along_axis(heard, nearest[..., None], 1)
         return replace(
             sent,
             mate_id=np.take_along_axis(sent.mate_id, nearest, 1),
-            mate_position_m=heard[..., :2],
-            mate_velocity_m_s=heard[..., 2:4],
+            mates=MotionBatch.of(heard[..., :2], heard[..., 2:4]),
             mate_action=heard[..., 4:],
         )
 

@@ -31,7 +31,7 @@ def gradient(objective: Objective, mission: Mission) -> Finding:
     arena_m = max(map(math.fabs, places))
     active = motions = 0
     for extent_m in {NEAR_M, max(arena_m, NEAR_M)}:
-        report = sample_gradient(objective, mission.bundle.manifest.dynamics, extent_m=extent_m)
+        report = sample_gradient(objective, mission.bundle.manifest.motion, extent_m=extent_m)
         active, motions = active + report.active, motions + report.motions
     if not active:
         return warn(

@@ -1,9 +1,9 @@
-"""The method on one page: an action sampled from the guided flow, for one planar robot.
+"""The method on one page: an action sampled from the guided flow, for one robot.
 
 At flow time tau = k / T, with velocity v and its Jacobian V from one pass through the network:
 
     a_hat = a + (1 - tau) v                        terminal estimate
-    g_m   = -(I + (1 - tau) V)^T grad J_m(a_hat)   eq. 11
+    g_m   = -(I + (1 - tau) V)^T grad J_m(a_hat)   eq. 11; grad J_m through the motion model, see slopes.py
     a    <- a + (v + combine(eta lambda, g, v)) / T     eqs. 10 and 12, combined by eqs. 14 and 15
 
 Taken literally, eq. 15 forbids braking: once guidance has moved the action, the flow pulls it back, so what
@@ -27,11 +27,12 @@ from collections.abc import Callable, Sequence
 from msgspec.structs import replace
 
 from edge_runtime.common.arrays import Array
+from edge_runtime.common.vectors import dot, plus
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
-from edge_runtime.guidance.projection import PLANAR, cone, harmonize, project_onto_nominal, weighted_sum
+from edge_runtime.guidance.projection import COMBINE, cone, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope
-from edge_runtime.messages import GuidedAction, TeamState, Vector, Vector2
+from edge_runtime.messages import GuidedAction, TeamState, Vector
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.velocity_field import VelocityField
@@ -49,11 +50,11 @@ def guided_action(
     observation: Array,
     team: TeamState,
     guide: Guide,
-    start: Vector = (0.0, 0.0),
+    start: Vector | None = None,
     deadline_s: float = math.inf,
     most_steps: int | None = None,
 ) -> GuidedAction:
-    """Sample one planar robot's action.
+    """Sample one robot's action.
 
     Anytime: after every step a + (1 - tau) v + guidance / T is a usable action, and after the last one it
     is the sample itself. When another step would end after ``deadline_s``, judged by the longest step so
@@ -61,23 +62,25 @@ def guided_action(
     action's fault.
 
     Args:
-        policy: a velocity field of batch 1 and two action components.
+        policy: a velocity field of batch 1, and d action components.
         observation: (1, O).
         team: the robot's own state and its teammates'.
-        guide: the objectives.
-        start: the flow's start, a sample of the prior.
+        guide: the objectives, made ready for the policy's motion model.
+        start: the flow's start (d,), a sample of the prior; its mean, zero, where None.
         deadline_s: `time.monotonic` time by which the action is needed.
         most_steps: cut short after so many steps, as a deadline would; T where None.
 
     Raises:
         PolicyError: if the policy cannot be computed.
     """
+    rest = (0.0,) * policy.action_dim
     if not math.isfinite(observation.sum()):
-        return GuidedAction((0.0, 0.0), 0, fault="the observation is not finite")
+        return GuidedAction(rest, 0, fault="the observation is not finite", correction=rest)
     policy.observe(observation)
     obstacles = guide.sensor.obstacles(team) if guide.sensor else ()
     outlooks = [look_ahead(team, preview, obstacles) for preview in guide.previews]
     sampler, total = policy.sampler, policy.euler_steps
+    start = rest if start is None else start
     most_steps = total if most_steps is None else most_steps
     if sampler is not None and sampler.knows(guide.projection, guide.kernel_terms):
         sampled = native_flow(sampler, outlooks, guide, start, deadline_s, total, most_steps)
@@ -97,27 +100,30 @@ def _flow(
 ) -> GuidedAction:
     """Take the Euler steps one by one; the observation is set already."""
     bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True))
-    (ax, ay), total, tally, cut = start, policy.euler_steps, _Tally(len(bound)), False
+    action, total, tally, cut = start, policy.euler_steps, _Tally(len(bound)), False
+    rest = (0.0,) * len(start)
     now, longest = time.monotonic(), 0.0
     for k in range(total):
         left = 1.0 - k / total
-        ((vx, vy),), (along_x,), (along_y,) = policy.step(k, ((ax, ay),)).tolist()
-        estimate = ax + left * vx, ay + left * vy  # a_hat of eq. 10
+        (velocity,), *tangents = policy.step(k, (action,)).tolist()
+        estimate = plus(action, left, velocity)  # a_hat of eq. 10
         try:
-            directions, factors = _pulled_back(bound, estimate, left, along_x, along_y, tally)
+            directions, factors = _pulled_back(bound, estimate, left, tangents, tally)
         except ObjectiveError as error:
-            return GuidedAction(estimate, k, fault=str(error), objective_failed=True)
-        x, y = _combined(guide, directions, factors, (vx, vy), tally)
-        ax += (vx + x) / total  # eq. 12, an Euler step of eq. 10
-        ay += (vy + y) / total
+            return GuidedAction(estimate, k, fault=str(error), correction=rest, objective_failed=True)
+        guidance = _combined(guide, directions, factors, velocity, tally)
+        # eq. 12, an Euler step of eq. 10
+        action = tuple([a + (v + g) / total for a, v, g in zip(action, velocity, guidance, strict=True)])
         before, now = now, time.monotonic()
         longest = max(longest, now - before)
         cut = k + 1 < total and (now + longest > deadline_s or k + 1 == most_steps)
         if cut:
-            ax, ay = estimate[0] + x / total, estimate[1] + y / total
+            action = tuple([a + g / total for a, g in zip(estimate, guidance, strict=True)])
             break
     costs, conflicts = tuple(tally.costs), tuple(tally.conflicts)
-    return GuidedAction((ax, ay), k + 1, costs, tally.projections, "", conflicts, tally.opposed, cut=cut)
+    return GuidedAction(
+        action, k + 1, costs, tally.projections, "", conflicts, tally.opposed, correction=rest, cut=cut
+    )
 
 
 class _Tally:
@@ -128,36 +134,35 @@ class _Tally:
         self.conflicts = [0] * objectives
         self.projections = self.opposed = 0
 
-    def count_conflicts(self, directions: list[Vector2], members: list[int]) -> None:
+    def count_conflicts(self, directions: list[Vector], members: list[int]) -> None:
         """Count every pair of directions that oppose each other, for both objectives."""
-        for m, (x, y) in enumerate(directions):
+        for m, direction in enumerate(directions):
             for n in range(m):
-                other_x, other_y = directions[n]
-                if x * other_x + y * other_y < 0.0:
+                if dot(direction, directions[n]) < 0.0:
                     self.conflicts[members[m]] += 1
                     self.conflicts[members[n]] += 1
 
 
 def _pulled_back(
     bound: Sequence[tuple[Objective, Outlook, float]],
-    estimate: Vector2,
+    estimate: Vector,
     left: float,
-    along_x: Vector2,
-    along_y: Vector2,
+    tangents: Sequence[tuple[Vector]],
     tally: _Tally,
-) -> tuple[list[Vector2], list[float]]:
+) -> tuple[list[Vector], list[float]]:
     """Directions g_m and factors eta lambda_m of the objectives that the estimate does not meet: eq. 11.
 
-    ``along_x`` and ``along_y`` are dv/da_x and dv/da_y.
+    ``tangents`` are dv/da_j, (d,) each.
     """
-    (ax, ay), (xx, xy), (yx, yy), costs = estimate, along_x, along_y, tally.costs
-    directions: list[Vector2] = []
+    costs = tally.costs
+    directions: list[Vector] = []
     factors: list[float] = []
     members: list[int] = []
     for m, (objective, outlook, factor) in enumerate(bound):
-        costs[m], gx, gy = action_slope(objective, outlook, ax, ay)
-        if gx or gy:
-            directions.append((-gx - left * (xx * gx + xy * gy), -gy - left * (yx * gx + yy * gy)))  # eq. 11
+        costs[m], gradient = action_slope(objective, outlook, estimate)
+        if any(gradient):
+            pairs = zip(gradient, tangents, strict=True)
+            directions.append(tuple([-g - left * dot(along, gradient) for g, (along,) in pairs]))  # eq. 11
             factors.append(factor)
             members.append(m)
     if len(members) > 1:
@@ -166,18 +171,18 @@ def _pulled_back(
 
 
 def _combined(
-    guide: Guide, directions: list[Vector2], factors: list[float], nominal: Vector2, tally: _Tally
-) -> Vector2:
+    guide: Guide, directions: list[Vector], factors: list[float], nominal: Vector, tally: _Tally
+) -> Vector:
     """The guidance to add to the nominal flow."""
     if not directions:
-        return 0.0, 0.0
+        return (0.0,) * len(nominal)
     plain = weighted_sum(directions, factors, nominal)
     if guide.projection == "hierarchical":
         harmonized = harmonize(directions, factors)  # eq. 14
         guidance = project_onto_nominal(harmonized, nominal)  # eq. 15
         tally.opposed += guidance != harmonized
     else:
-        guidance = PLANAR[guide.projection](directions, factors, nominal)
+        guidance = COMBINE[guide.projection](directions, factors, nominal)
     tally.projections += guidance != plain
     return guidance
 
@@ -186,49 +191,54 @@ def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide)
     """Move a finished action at tau = 1: as preferences wish, then as is required."""
     costs = [0.0] * len(outlooks)
 
-    def descents(members: Sequence[int], ax: float, ay: float) -> list[Vector2]:
+    def descents(members: Sequence[int], action: Vector) -> list[Vector]:
         found = []
         for m in members:
-            costs[m], gx, gy = action_slope(guide.objectives[m], outlooks[m], ax, ay)
-            found.append((-gx, -gy))
+            costs[m], gradient = action_slope(guide.objectives[m], outlooks[m], action)
+            found.append(tuple([-g for g in gradient]))
         return found
 
-    ax, ay = sampled.action
+    action, rest = sampled.action, (0.0,) * len(sampled.action)
     try:
         if guide.preferences:
-            ax, ay = _preferred(sampled.action, guide, descents)
+            action = _preferred(action, guide, descents)
         if guide.requirements:
-            required = descents(guide.requirements, ax, ay)
-            x, y = cone(required, (1.0,) * len(required), (0.0, 0.0))  # a Newton step
-            ax, ay = ax + x, ay + y
+            required = descents(guide.requirements, action)
+            action = plus(action, 1.0, cone(required, (1.0,) * len(required), rest))  # a Newton step
     except ObjectiveError as error:
         return GuidedAction(
-            sampled.action, sampled.steps, fault=str(error), cut=sampled.cut, objective_failed=True
+            sampled.action,
+            sampled.steps,
+            fault=str(error),
+            correction=rest,
+            cut=sampled.cut,
+            objective_failed=True,
         )
-    moved = (ax - sampled.action[0], ay - sampled.action[1])
-    return replace(sampled, action=(ax, ay), costs=tuple(costs), correction=moved)
+    moved = plus(action, -1.0, sampled.action)
+    return replace(sampled, action=action, costs=tuple(costs), correction=moved)
 
 
 def _preferred(
-    sampled: Vector, guide: Guide, descents: Callable[[Sequence[int], float, float], list[Vector2]]
-) -> Vector2:
+    sampled: Vector, guide: Guide, descents: Callable[[Sequence[int], Vector], list[Vector]]
+) -> Vector:
     """Steps of the weighted sum of all preferences, each back into the ball of radius ``reach``."""
     weights = [guide.objectives[m].weight for m in guide.preferences]
-    ax, ay = sampled
+    action = sampled
     for _ in range(PREFERENCE_STEPS):
-        x, y = weighted_sum(descents(guide.preferences, ax, ay), weights, (0.0, 0.0))
-        x = ax + PREFERENCE_RATE * x - sampled[0]
-        y = ay + PREFERENCE_RATE * y - sampled[1]
-        kept = min(1.0, guide.asked.guidance.reach / max(math.hypot(x, y), TINY))
-        ax, ay = sampled[0] + kept * x, sampled[1] + kept * y
-    return ax, ay
+        step = weighted_sum(descents(guide.preferences, action), weights, sampled)
+        move = plus(plus(action, PREFERENCE_RATE, step), -1.0, sampled)
+        kept = min(1.0, guide.asked.guidance.reach / max(math.hypot(*move), TINY))
+        action = plus(sampled, kept, move)
+    return action
 
 
 def _usable(sampled: GuidedAction) -> GuidedAction:
     """Zero where something is wrong. An estimate that is not finite is no objective's fault."""
-    finite = math.isfinite(sampled.action[0] + sampled.action[1])
+    finite = math.isfinite(sum(sampled.action))
     if finite and not sampled.fault:
         return sampled
     fault = sampled.fault if finite else "the policy's velocity is not finite"
-    failed = finite and sampled.objective_failed
-    return GuidedAction((0.0, 0.0), sampled.steps, fault=fault, cut=sampled.cut, objective_failed=failed)
+    failed, rest = finite and sampled.objective_failed, (0.0,) * len(sampled.action)
+    return GuidedAction(
+        rest, sampled.steps, fault=fault, correction=rest, cut=sampled.cut, objective_failed=failed
+    )

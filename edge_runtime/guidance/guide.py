@@ -8,9 +8,12 @@ from typing import Any
 
 import msgspec
 
+from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.projection import Projection
 from edge_runtime.guidance.settings import ObjectiveSet
-from edge_runtime.motion.dynamics import Dynamics, Preview
+from edge_runtime.motion.linear import Row, constant_gains
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.prediction import Preview
 from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import FlowStart, Manifest
@@ -33,6 +36,8 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,): eta lambda_m."""
     kernel_terms: tuple[str, ...]
     """(M,): what the compiled kernel calls each cost; empty for one that is computed in Python."""
+    kernel_gains: tuple[Row, ...]
+    """(M,): see `edge_runtime.motion.linear.constant_gains`, of what each cost is of."""
     projection: Projection
     """How conflicts are resolved along the flow."""
     corrected: bool
@@ -53,7 +58,7 @@ class Guide(msgspec.Struct, frozen=True):
 
 def make_guide(
     asked: ObjectiveSet,
-    dynamics: Dynamics,
+    model: Model,
     start: FlowStart = "noise",
     sensor: RangeSensor | None = None,
     *,
@@ -63,36 +68,62 @@ def make_guide(
 
     Args:
         asked: the objectives, and how they are to guide.
-        dynamics: of the policy. Objectives look ahead in its control steps, whatever rate it is run at.
+        model: how the policy's robot moves. Objectives look ahead in its control steps, whatever rate it is
+            run at.
         start: what its flow was trained to start from.
         sensor: the robot's range sensor, for objectives over obstacles.
         guided: False lets the flow alone: none of the objectives steers.
+
+    Raises:
+        ConfigError: as `check_objectives`.
     """
     followed = asked if guided else msgspec.structs.replace(asked, objectives=())
+    check_objectives(followed, model)
     settings = followed.guidance
     active = tuple(o for o in followed.objectives if settings.scale * o.weight > 0.0)
     corrected = settings.mode == "terminal" and bool(active)
     places = range(len(active) if corrected else 0)
+    previews = tuple(model.preview(objective.look_ahead) for objective in active)
+    gains = tuple(constant_gains(view, each.of) for view, each in zip(previews, active, strict=True))
     return Guide(
         asked=asked,
         objectives=active,
-        previews=tuple(dynamics.preview(objective.look_ahead) for objective in active),
+        previews=previews,
         factors=tuple(settings.scale * objective.weight for objective in active),
         # A subclass may cost something else: what its parent states does not count.
-        kernel_terms=tuple(vars(type(objective)).get("kernel_term", "") for objective in active),
+        kernel_terms=tuple(
+            vars(type(each)).get("kernel_term", "") if gain else ""
+            for each, gain in zip(active, gains, strict=True)
+        ),
+        kernel_gains=gains,
         projection="hierarchical" if settings.mode == "terminal" else settings.mode,
         corrected=corrected,
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),
         start_noise=settings.start_noise if start == "noise" else 0.0,
         digest=digest_of(followed),
-        sensor=sensor,
+        sensor=sensor if model.dims == 2 else None,
     )
+
+
+def check_objectives(asked: ObjectiveSet, model: Model) -> None:
+    """Refuse objectives that cannot be asked of a robot that moves so.
+
+    Raises:
+        ConfigError: names the objective, the motion model and why.
+    """
+    for index, objective in enumerate(asked.objectives):
+        if reason := objective.refuses(model):
+            space = " in space" if model.dims == 3 else ""
+            raise ConfigError(
+                f"objectives[{index}]: {objective.name} cannot be used with motion model "
+                f"{model.kind!r}{space}: {reason}"
+            )
 
 
 def guide_for(manifest: Manifest, asked: ObjectiveSet, *, guided: bool = True) -> Guide:
     """Make objectives ready for a robot that runs a bundle's policy; see `make_guide`."""
-    return make_guide(asked, manifest.dynamics, manifest.start, manifest.body.sensor(), guided=guided)
+    return make_guide(asked, manifest.motion, manifest.start, manifest.body.sensor(), guided=guided)
 
 
 def digest_of(asked: ObjectiveSet) -> int:

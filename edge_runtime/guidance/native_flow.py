@@ -21,19 +21,19 @@ def native_flow(
 ) -> GuidedAction:
     """Sample an action that is still to be corrected; the observation is set already."""
     terms = []
-    for kind, factor, objective, outlook in zip(
-        guide.kernel_terms, guide.factors, guide.objectives, outlooks, strict=True
+    rest = (0.0,) * len(start)
+    for kind, factor, gains, objective, outlook in zip(
+        guide.kernel_terms, guide.factors, guide.kernel_gains, guide.objectives, outlooks, strict=True
     ):
         try:
             numbers = encoded(objective, outlook)
         except ObjectiveError as error:
-            return GuidedAction((0.0, 0.0), 0, fault=str(error), objective_failed=True)
-        preview = outlook.preview
-        terms.append(Term(kind, factor, preview.position_gain, preview.velocity_gain, numbers))
+            return GuidedAction(rest, 0, fault=str(error), correction=rest, objective_failed=True)
+        terms.append(Term(kind, factor, outlook.preview.dims, gains, numbers))
     sample = sampler.sample(guide.projection, terms, start, deadline_s - time.monotonic(), most_steps)
     if sample.fault >= 0:
         fault = str(not_finite(guide.objectives[sample.fault]))
-        return GuidedAction(sample.action, sample.steps, fault=fault, objective_failed=True)
+        return GuidedAction(sample.action, sample.steps, fault=fault, correction=rest, objective_failed=True)
     cut = sample.steps < euler_steps
     return GuidedAction(
         sample.action,
@@ -43,5 +43,6 @@ def native_flow(
         "",
         sample.conflicts,
         sample.opposed,
+        correction=rest,
         cut=cut,
     )

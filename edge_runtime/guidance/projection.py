@@ -1,10 +1,10 @@
 """How the objectives' descent directions become one guidance vector (paper, section IV-C).
 
-For one robot in the plane, in Python floats, which is fastest for two numbers. All take
+For one robot, in Python floats, which is fastest for a few numbers. All take
 
-- the descent directions g_m = -grad J_m, pulled back to the flow's action,
+- the descent directions g_m = -grad J_m, pulled back to the flow's action, (d,) each,
 - their factors eta lambda_m (projections are homogeneous, so the scale can go in first),
-- the nominal velocity v,
+- the nominal velocity v (d,),
 
 and return the guidance to add to v.
 
@@ -21,81 +21,114 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from edge_runtime.messages import Vector2
+import numpy as np
+
+from edge_runtime.common.vectors import dot, plus
+from edge_runtime.messages import Vector
 
 Projection = Literal["none", "hierarchical", "cone"]
-PlanarCombine = Callable[[Sequence[Vector2], Sequence[float], Vector2], Vector2]
+Combine = Callable[[Sequence[Vector], Sequence[float], Vector], Vector]
 
 FEASIBLE = -1e-12
 """Cosine down to which a direction counts as not opposing a gradient: rounding, not descent."""
 
 
-def weighted_sum(gradients: Sequence[Vector2], factors: Sequence[float], _nominal: Vector2) -> Vector2:
-    """Projection ``none`` for one planar robot."""
-    x = y = 0.0
-    for (gx, gy), factor in zip(gradients, factors, strict=True):
-        x += factor * gx
-        y += factor * gy
-    return x, y
+def weighted_sum(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
+    """Projection ``none``."""
+    total: Vector = (0.0,) * len(nominal)
+    for gradient, factor in zip(gradients, factors, strict=True):
+        total = plus(total, factor, gradient)
+    return total
 
 
-def harmonize(gradients: Sequence[Vector2], factors: Sequence[float]) -> Vector2:
-    """Eq. 14 and the weighted sum, for one planar robot."""
-    sum_x = sum_y = 0.0
-    for m, (x, y) in enumerate(gradients):
-        for n, (nx, ny) in enumerate(gradients):
-            if n != m and (dot := x * nx + y * ny) < 0.0:
-                square = nx * nx + ny * ny
+def harmonize(gradients: Sequence[Vector], factors: Sequence[float]) -> Vector:
+    """Eq. 14 and the weighted sum, of at least one direction."""
+    total: Vector = (0.0,) * len(gradients[0])
+    for m, kept in enumerate(gradients):
+        for n, other in enumerate(gradients):
+            if n != m and (opposing := dot(kept, other)) < 0.0:
+                square = dot(other, other)
                 if square > 0.0:
-                    x -= dot / square * nx
-                    y -= dot / square * ny
-        sum_x += factors[m] * x
-        sum_y += factors[m] * y
-    return sum_x, sum_y
+                    kept = plus(kept, -opposing / square, other)
+        total = plus(total, factors[m], kept)
+    return total
 
 
-def project_onto_nominal(guidance: Vector2, nominal: Vector2) -> Vector2:
-    """Eq. 15 for one planar robot: remove what opposes the nominal flow."""
-    (x, y), (vx, vy) = guidance, nominal
-    dot = x * vx + y * vy
-    square = vx * vx + vy * vy
-    if dot >= 0.0 or square == 0.0:
+def project_onto_nominal(guidance: Vector, nominal: Vector) -> Vector:
+    """Eq. 15: remove what opposes the nominal flow."""
+    opposing, square = dot(guidance, nominal), dot(nominal, nominal)
+    if opposing >= 0.0 or square == 0.0:
         return guidance
-    return x - dot / square * vx, y - dot / square * vy
+    return plus(guidance, -opposing / square, nominal)
 
 
-def hierarchical(gradients: Sequence[Vector2], factors: Sequence[float], nominal: Vector2) -> Vector2:
-    """Projection ``hierarchical`` for one planar robot: eqs. 14 and 15."""
+def hierarchical(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
+    """Projection ``hierarchical``: eqs. 14 and 15."""
     return project_onto_nominal(harmonize(gradients, factors), nominal)
 
 
-def cone(gradients: Sequence[Vector2], factors: Sequence[float], nominal: Vector2) -> Vector2:
-    """Projection ``cone`` for one planar robot.
+def cone(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
+    """Projection ``cone``."""
+    total = weighted_sum(gradients, factors, nominal)
+    if _descends(total, gradients):
+        return total
+    return _nearest_of_the_plane(total, gradients) if len(nominal) == 2 else _nearest(total, gradients)
 
-    In the plane the nearest point is the sum itself, its projection onto one gradient's normal line, or
-    the origin. All lines pass the origin, so among projections the longest is the nearest.
+
+def _nearest_of_the_plane(total: Vector, gradients: Sequence[Vector]) -> Vector:
+    """The nearest point is the sum's projection onto one gradient's normal line, or the origin.
+
+    All lines pass the origin, so among projections the longest is the nearest.
     """
-    x, y = weighted_sum(gradients, factors, nominal)
-    if _descends(x, y, gradients):
-        return x, y
     best, longest = (0.0, 0.0), 0.0
-    for gx, gy in gradients:
-        dot = x * gx + y * gy
-        square = gx * gx + gy * gy
-        if dot < 0.0 < square:
-            px, py = x - dot / square * gx, y - dot / square * gy
-            length = px * px + py * py
-            if length > longest and _descends(px, py, gradients):
-                best, longest = (px, py), length
+    for gradient in gradients:
+        opposing, square = dot(total, gradient), dot(gradient, gradient)
+        if opposing < 0.0 < square:
+            x, y = plus(total, -opposing / square, gradient)
+            length = x * x + y * y
+            if length > longest and _descends((x, y), gradients):
+                best, longest = (x, y), length
     return best
 
 
-def _descends(x: float, y: float, gradients: Sequence[Vector2]) -> bool:
-    length = math.hypot(x, y)
-    return all(x * gx + y * gy >= FEASIBLE * length * math.hypot(gx, gy) for gx, gy in gradients)
+def _nearest(total: Vector, gradients: Sequence[Vector]) -> Vector:
+    """The nearest point by Moreau: total + sum mu_m g_m with the least length over mu >= 0.
+
+    Lawson and Hanson's active sets (Solving Least Squares Problems, chapter 23): gradients that the point
+    opposes join one by one; one that would pull leaves. The sets never repeat, but for rounding.
+    """
+    rows = np.array([gradient for gradient in gradients if any(gradient)])
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    target, mu = np.array(total), np.zeros(len(rows))
+    tight: list[int] = []
+    tolerance = FEASIBLE * math.hypot(*total)
+    for _ in range(4 * len(rows)):
+        point = target + mu @ rows
+        slack = rows @ point
+        slack[tight] = 0.0
+        worst = int(slack.argmin())
+        if slack[worst] >= tolerance:
+            return tuple(point.tolist())
+        tight.append(worst)
+        while tight:
+            wanted = np.linalg.lstsq(rows[tight].T, -target, rcond=None)[0]
+            if (wanted > 0.0).all():
+                mu[tight] = wanted
+                break
+            held = mu[tight]
+            shares = np.where(wanted > 0.0, 1.0, held / np.maximum(held - wanted, 1e-300))
+            mu[tight] = held + shares.min() * (wanted - held)
+            mu[tight[int(shares.argmin())]] = 0.0
+            tight = [m for m in tight if mu[m] > 0.0]
+    return (0.0,) * len(total)
 
 
-PLANAR: dict[Projection, PlanarCombine] = {
+def _descends(vector: Vector, gradients: Sequence[Vector]) -> bool:
+    length = math.hypot(*vector)
+    return all(dot(vector, gradient) >= FEASIBLE * length * math.hypot(*gradient) for gradient in gradients)
+
+
+COMBINE: dict[Projection, Combine] = {
     "none": weighted_sum,
     "hierarchical": hierarchical,
     "cone": cone,

@@ -2,7 +2,7 @@
 
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import TeamState, Vector
-from edge_runtime.motion.outlook import PredictedMotion, look_ahead
+from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import compare_slope
 
@@ -26,7 +26,4 @@ class SlopeCheck:
         place = own[self._turn % len(own)]
         preview = guide.previews[place]
         outlook = look_ahead(team, preview, guide.sensor.obstacles(team) if guide.sensor else ())
-        (x, y, vx, vy), (ax, ay) = outlook.drift, action
-        shift, push = preview.position_gain, preview.velocity_gain
-        motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
-        compare_slope(guide.objectives[place], motion, outlook)
+        compare_slope(guide.objectives[place], outlook, action)

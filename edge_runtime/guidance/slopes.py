@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 
 from edge_runtime.common.signals import is_interrupt
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.messages import Vector
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import pulled_back
 from edge_runtime.objectives import Objective
 
 
@@ -12,24 +14,22 @@ class ObjectiveError(Exception):
     """An objective that cannot guide: it raised, or has no finite gradient. Stops the robot in that tick."""
 
 
-def action_slope(objective: Objective, outlook: Outlook, ax: float, ay: float) -> tuple[float, float, float]:
-    """Cost of an action and its gradient, through the dynamics' preview.
+def action_slope(objective: Objective, outlook: Outlook, action: Sequence[float]) -> tuple[float, Vector]:
+    """Cost of an action (d,) and its gradient (d,), through the motion model.
 
     Raises:
         ObjectiveError: names the objective and what it raised, or that its gradient is not finite.
     """
-    x, y, vx, vy = outlook.drift
-    shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-    motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
+    motion, columns = outlook.forecast.at(action)
     try:
-        cost, d_x, d_y, d_vx, d_vy = objective.evaluate(motion, outlook)
+        cost, *slope = objective.evaluate(motion, outlook)
         # What it computes with may be numbers of another library, which no record could keep.
-        cost, gx, gy = float(cost), float(shift * d_x + push * d_vx), float(shift * d_y + push * d_vy)
+        cost, gradient = float(cost), tuple(map(float, pulled_back(columns, slope)))
     except BaseException as error:  # one of the user's own may raise anything
         raise _raised(objective, error) from error
-    if not math.isfinite(cost + gx + gy):
+    if not math.isfinite(cost + sum(gradient)):
         raise not_finite(objective)
-    return cost, gx, gy
+    return cost, gradient
 
 
 def encoded(objective: Objective, outlook: Outlook) -> Sequence[float]:

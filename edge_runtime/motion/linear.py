@@ -82,6 +82,20 @@ def _greatest(rows: Sequence[Row]) -> float:
     return float(np.linalg.norm(np.array(rows), 2))
 
 
+def constant_gains(preview: Preview, of: str) -> Row:
+    """What an action does to the predicted ``position`` or ``velocity``, whatever the state.
+
+    Returns:
+        The greatest gain, then the Jacobian (dims, d) in units of it, row by row; nothing where the Jacobian
+        is not constant, or ``of`` something else.
+    """
+    if not (isinstance(preview, LinearPreview | PlanarPreview) and of):
+        return ()
+    gain = preview.position_gain if of == "position" else preview.velocity_gain
+    places = ((0, 1, 4) if of == "position" else (2, 3, 5))[: preview.dims]
+    return (gain, *(column[place] / gain for place in places for column in preview.columns))
+
+
 class LinearPreview(msgspec.Struct, frozen=True, gc=False):
     """A `Preview` whose Jacobian is the same everywhere."""
 

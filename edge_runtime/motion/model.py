@@ -28,6 +28,11 @@ class Model(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True, t
         return str(self.__struct_config__.tag)
 
     @property
+    def dims(self) -> int:
+        """2 in the plane, 3 in space."""
+        raise NotImplementedError
+
+    @property
     def turns(self) -> bool:
         """Whether heading and yaw rate are among what the action moves."""
         raise NotImplementedError

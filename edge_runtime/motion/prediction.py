@@ -33,6 +33,18 @@ Columns = tuple[tuple[float, ...], ...]
 their order; the last ones are left out where a model does not have them."""
 
 
+def pulled_back(columns: Columns, slope: Sequence[float]) -> tuple[float, ...]:
+    """A cost's gradient (d,) with respect to the action, given its slope (4 to 8,) over the motion."""
+    d_x, d_y, d_vx, d_vy, *others = slope
+    gradient = []
+    for x, y, vx, vy, *more in columns:
+        along = x * d_x + y * d_y + vx * d_vx + vy * d_vy
+        for gain, d_other in zip(more, others, strict=False):
+            along += gain * d_other
+        gradient.append(along)
+    return tuple(gradient)
+
+
 class Forecast(Protocol):
     """One robot's motion at a time, as a function of the action that it holds until then."""
 

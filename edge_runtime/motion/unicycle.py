@@ -134,7 +134,9 @@ class UnicyclePreview(msgspec.Struct, frozen=True, gc=False):
         """See `Preview.forecast`."""
         (x, y), (vx, vy), heading = state.position_m, state.velocity_m_s, state.heading_rad
         speed = vx * math.cos(heading) + vy * math.sin(heading)
-        return UnicycleForecast(self.model, self.steps, Rolling(x, y, heading, speed, state.yaw_rate_rad_s))
+        start = Rolling(x, y, heading, speed, state.yaw_rate_rad_s)
+        drift, _ = self.model.roll(start, (0.0, 0.0), self.steps)
+        return UnicycleForecast(self.model, self.steps, start, drift)
 
     def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
         """See `Preview.predict`."""
@@ -147,11 +149,7 @@ class UnicycleForecast(msgspec.Struct, frozen=True, gc=False):
     model: Unicycle
     steps: int
     start: Rolling
-
-    @property
-    def drift(self) -> PredictedMotion:
-        """See `Forecast.drift`."""
-        return self.at((0.0, 0.0))[0]
+    drift: PredictedMotion
 
     def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
         """See `Forecast.at`."""

@@ -3,8 +3,9 @@
 import math
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 COINCIDENT_M = 1e-9
 """Closer to the centroid than this, rounding alone would decide a robot's direction from it."""
@@ -21,6 +22,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
     """
 
     preference: ClassVar[bool] = True
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 4
     radius_m: float
     """Mean distance of the robots to their centroid."""
@@ -37,20 +39,25 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
         count = len(mates) + 1
         middle_x = (motion.x + sum(mate.x for mate in mates)) / count
         middle_y = (motion.y + sum(mate.y for mate in mates)) / count
-        members = [(outlook.robot_id, motion.x, motion.y)]
-        members += [(mate.robot_id, mate.x, mate.y) for mate in mates]
-        total = sum_x = sum_y = own_x = own_y = 0.0
-        for index, (robot_id, x, y) in enumerate(members):
-            dx, dy = x - middle_x, y - middle_y
-            distance = math.sqrt(dx * dx + dy * dy)
+        middle_z = (motion.z + sum(mate.z for mate in mates)) / count
+        members = [(outlook.robot_id, motion.x, motion.y, motion.z)]
+        members += [(mate.robot_id, mate.x, mate.y, mate.z) for mate in mates]
+        total = sum_x = sum_y = sum_z = own_x = own_y = own_z = 0.0
+        for index, (robot_id, x, y, z) in enumerate(members):
+            dx, dy, dz = x - middle_x, y - middle_y, z - middle_z
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
             total += distance
             if distance < COINCIDENT_M:  # no direction leads out: the robots' order decides
-                angle = 2.0 * math.pi * sum(other < robot_id for other, _, _ in members) / count
-                dx, dy, distance = math.cos(angle), math.sin(angle), 1.0
-            dx, dy = dx / distance, dy / distance
-            sum_x, sum_y = sum_x + dx, sum_y + dy
+                angle = 2.0 * math.pi * sum(other < robot_id for other, *_ in members) / count
+                dx, dy, dz, distance = math.cos(angle), math.sin(angle), 0.0, 1.0
+            dx, dy, dz = dx / distance, dy / distance, dz / distance
+            sum_x, sum_y, sum_z = sum_x + dx, sum_y + dy, sum_z + dz
             if index == 0:
-                own_x, own_y = dx, dy
+                own_x, own_y, own_z = dx, dy, dz
         cure = (total / count - self.radius_m) / gain
         push = cure / (gain * count)
-        return Slope(0.5 * cure * cure, push * (own_x - sum_x / count), push * (own_y - sum_y / count))
+        d_x, d_y, d_z = (
+            push * (own - outward / count)
+            for own, outward in ((own_x, sum_x), (own_y, sum_y), (own_z, sum_z))
+        )
+        return Slope(0.5 * cure * cure, d_x, d_y, 0.0, 0.0, d_z)

@@ -1,17 +1,24 @@
-"""Stay out of a disc."""
+"""Stay out of a disc, or of a ball."""
 
-import math
+from typing import ClassVar
 
-from edge_runtime.messages import Vector2
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.messages import Place
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.clearance import keep_clear
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
-    """Keep the robot's centre out of a disc: J = 1/2 (depth / position gain)^2."""
+    """Keep the robot's centre out of a disc: J = 1/2 (depth / position gain)^2.
 
+    In space a centre of two components is that of an upright cylinder, one of three that of a ball.
+    """
+
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 4
-    centre_m: Vector2
+    centre_m: Place
     """Of the disc."""
     radius_m: float
     """Of the disc."""
@@ -25,13 +32,12 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
-        dx, dy = motion.x - self.centre_m[0], motion.y - self.centre_m[1]
-        keep, square = self.radius_m + self.buffer_m, dx * dx + dy * dy
-        if square >= keep * keep:
-            return Slope(0.0)
-        distance, gain = math.sqrt(square), outlook.preview.position_gain
-        cure = (keep - distance) / gain
-        if distance == 0.0:  # every direction leads out: take x
-            dx, distance = 1.0, 1.0
-        push = cure / (gain * distance)
-        return Slope(0.5 * cure * cure, -push * dx, -push * dy)
+        x, y, *height = self.centre_m
+        centre = (x, y, height[0] if height else motion.z, 1.0)
+        return keep_clear(motion, (centre,), self.radius_m + self.buffer_m, outlook)
+
+    def refuses(self, model: Model) -> str:
+        """Why this cannot be asked of a robot that moves so."""
+        if len(self.centre_m) > model.dims:
+            return "its centre_m has a height, and the robot moves in the plane"
+        return super().refuses(model)

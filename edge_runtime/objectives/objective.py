@@ -1,33 +1,43 @@
 """The base of execution objectives: costs of a robot's predicted motion, with analytic gradients.
 
-An objective states its cost J and dJ/d(position, velocity) of the motion that it predicts ``look_ahead``
-control steps ahead; the chain rule through the dynamics and the flow is the runtime's (eq. 11). The
+An objective states its cost J and its derivatives over the motion that it predicts ``look_ahead`` control
+steps ahead; the chain rule through the motion model and the flow is the runtime's (eq. 11). The
 built-in costs are half the squared action that would cure the violation, so that one guidance scale means
 the same to all of them.
 """
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.units import unit_of
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
 
+Quantity = Literal["", "position", "velocity"]
 LONGEST_LOOK_AHEAD = 1000
 """Steps; a constant action has long lost its meaning there."""
 
 
 class Slope(NamedTuple):
-    """A cost and its derivatives with respect to the robot's own predicted motion."""
+    """A cost and its derivatives with respect to the robot's own predicted motion.
+
+    Those that the robot's motion model does not have count for nothing.
+    """
 
     cost: float
     d_x: float = 0.0
     d_y: float = 0.0
     d_vx: float = 0.0
     d_vy: float = 0.0
+    d_z: float = 0.0
+    d_vz: float = 0.0
+    d_heading: float = 0.0
+    d_yaw_rate: float = 0.0
 
 
 class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
@@ -44,6 +54,8 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     kernel_term: ClassVar[str] = ""
     """The compiled kernel's name of this very cost, which then needs no Python in the loop; see `encode`. It
     counts only where the class itself states it: a subclass has a cost of its own."""
+    of: ClassVar[Quantity] = ""
+    """Of what its cost is, divided by the motion model's gain of it; empty for another cost."""
     weight: float = 1.0
     """lambda_m, the preference weight (eq. 4)."""
     look_ahead: int = 1
@@ -90,6 +102,12 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     def sight_m(self) -> float:
         """How far from its centre the robot must see obstacles; 0 for one that does not look at them."""
         return 0.0
+
+    def refuses(self, model: Model) -> str:
+        """Why this cannot be asked of a robot that moves so; empty where it can."""
+        preview = model.preview(self.look_ahead)
+        gains = {"": 1.0, "position": preview.position_gain, "velocity": preview.velocity_gain}
+        return "" if gains[self.of] else f"no action changes its {self.of} within look_ahead"
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""

@@ -1,11 +1,13 @@
 """Keep clear of whatever the range sensor sees that is not a teammate."""
 
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.clearance import Point, encode_clear, keep_clear
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"):
@@ -16,6 +18,7 @@ class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"
     """
 
     kernel_term: ClassVar[str] = "safety_margin"
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 3
     distance_m: float
     """From the robot's centre to the surface that is seen."""
@@ -34,25 +37,17 @@ class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
-        keep, gain = self.distance_m + self.buffer_m, outlook.preview.position_gain
-        cost = d_x = d_y = 0.0
-        for x, y in outlook.obstacles:
-            dx, dy = motion.x - x, motion.y - y
-            square = dx * dx + dy * dy
-            if square < keep * keep:
-                distance = math.sqrt(square)
-                cure = (keep - distance) / gain
-                cost += 0.5 * cure * cure
-                if distance == 0.0:  # no direction leads away: take x
-                    dx, distance = 1.0, 1.0
-                push = cure / (gain * distance)
-                d_x -= push * dx
-                d_y -= push * dy
-        return Slope(cost, d_x, d_y)
+        return keep_clear(motion, self._points(outlook), self.distance_m + self.buffer_m, outlook)
 
     def encode(self, outlook: Outlook) -> Sequence[float]:
-        """The numbers of `SafetyMargin.encode`: to the kernel obstacles are neighbours."""
-        numbers = [self.distance_m + self.buffer_m, outlook.drift.x, outlook.drift.y]
-        for x, y in outlook.obstacles:
-            numbers += (x, y, 1.0)
-        return numbers
+        """See `encode_clear`: to the kernel obstacles are neighbours."""
+        return encode_clear(self._points(outlook), self.distance_m + self.buffer_m, outlook)
+
+    def refuses(self, model: Model) -> str:
+        """Why this cannot be asked of a robot that moves so."""
+        if model.dims == 3:
+            return "its range sensor sees in the plane only"
+        return super().refuses(model)
+
+    def _points(self, outlook: Outlook) -> list[Point]:
+        return [(x, y, 0.0, 1.0) for x, y in outlook.obstacles]

@@ -1,7 +1,11 @@
 """Pass one another on agreed sides."""
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from typing import ClassVar
+
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
@@ -21,6 +25,7 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
             length or the pull is not positive.
     """
 
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 4
     order: tuple[int, ...]
     """Robot ids from left to right."""
@@ -59,3 +64,9 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
                 cost += pull * (cure - 0.5 * pull)
                 d_y += pull / gain
         return Slope(cost, 0.0, d_y)
+
+    def refuses(self, model: Model) -> str:
+        """Why this cannot be asked of a robot that moves so."""
+        if model.dims == 3:
+            return "robots in space pass above and below one another, it parts them along y"
+        return super().refuses(model)

@@ -4,14 +4,17 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.clearance import Point, encode_clear, keep_clear
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
     """Keep a distance between centres from every neighbour: J = 1/2 sum (shortfall / position gain)^2."""
 
     kernel_term: ClassVar[str] = "safety_margin"
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 3
     distance_m: float
     """Between the centres of two robots."""
@@ -25,28 +28,15 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
-        keep, gain = self.distance_m + self.buffer_m, outlook.preview.position_gain
-        cost = d_x = d_y = 0.0
-        for mate in outlook.neighbours:
-            dx, dy = motion.x - mate.x, motion.y - mate.y
-            square = dx * dx + dy * dy
-            if square < keep * keep:
-                distance = math.sqrt(square)
-                cure = (keep - distance) / gain
-                cost += 0.5 * cure * cure
-                if distance == 0.0:  # no direction leads apart: the robots' order decides
-                    dx, distance = math.copysign(1.0, outlook.robot_id - mate.robot_id), 1.0
-                push = cure / (gain * distance)
-                d_x -= push * dx
-                d_y -= push * dy
-        return Slope(cost, d_x, d_y)
+        return keep_clear(motion, self._mates(outlook), self.distance_m + self.buffer_m, outlook)
 
     def encode(self, outlook: Outlook) -> Sequence[float]:
-        """The distance at which guidance starts, the position without action, and what each neighbour adds.
+        """See `encode_clear`."""
+        return encode_clear(self._mates(outlook), self.distance_m + self.buffer_m, outlook)
 
-        That is its position, and the side along x on which to leave it if the positions coincide.
-        """
-        numbers = [self.distance_m + self.buffer_m, outlook.drift.x, outlook.drift.y]
-        for mate in outlook.neighbours:
-            numbers += (mate.x, mate.y, math.copysign(1.0, outlook.robot_id - mate.robot_id))
-        return numbers
+    def _mates(self, outlook: Outlook) -> list[Point]:
+        """Robots at one place part in the order of their numbers."""
+        own = outlook.robot_id
+        return [
+            (mate.x, mate.y, mate.z, math.copysign(1.0, own - mate.robot_id)) for mate in outlook.neighbours
+        ]

@@ -2,8 +2,9 @@
 
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
@@ -19,6 +20,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
     """
 
     preference: ClassVar[bool] = True
+    of: ClassVar[Quantity] = "position"
     look_ahead: int = 4
     order: tuple[int, ...]
     """Robot ids from left to right."""

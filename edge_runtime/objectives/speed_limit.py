@@ -4,14 +4,16 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook, PredictedMotion
-from edge_runtime.objectives.objective import Objective, Slope
+from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.prediction import PredictedMotion
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
 class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
     """Stay at or below a speed: J = 1/2 (excess / velocity gain)^2."""
 
     kernel_term: ClassVar[str] = "speed_limit"
+    of: ClassVar[Quantity] = "velocity"
     limit_m_s: float
     """The greatest speed that is asked for."""
     buffer_m_s: float = 0.01
@@ -28,14 +30,16 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
-        speed = math.sqrt(motion.vx * motion.vx + motion.vy * motion.vy)
+        vx, vy, vz = motion.vx, motion.vy, motion.vz
+        speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         excess = speed - self.limit_m_s + self.buffer_m_s
         if excess <= 0.0:
             return Slope(0.0)
         cure = excess / outlook.preview.velocity_gain
         pull = cure / (outlook.preview.velocity_gain * speed)
-        return Slope(0.5 * cure * cure, 0.0, 0.0, pull * motion.vx, pull * motion.vy)
+        return Slope(0.5 * cure * cure, 0.0, 0.0, pull * vx, pull * vy, 0.0, pull * vz)
 
     def encode(self, outlook: Outlook) -> Sequence[float]:
         """The speed at which guidance starts, and the velocity without action."""
-        return self.limit_m_s - self.buffer_m_s, outlook.drift.vx, outlook.drift.vy
+        velocity = outlook.drift.velocity_m_s(outlook.preview.dims)
+        return self.limit_m_s - self.buffer_m_s, *velocity

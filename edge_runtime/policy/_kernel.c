@@ -10,6 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
+#define INTERFACE 2
+
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
 
@@ -247,63 +250,87 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
     Py_RETURN_NONE;
 }
 
-/* Reads one term, (kind, factor, shift, push, count, numbers), from where *next points to, and has *next
+/* Reads one term, (kind, factor, dims, count, gain, gains, numbers), from where *next points to, and has *next
  * point behind it; false if there is none. */
-static bool read_term(const double **next, const double *end, Term *term)
+static bool read_term(const double **next, const double *end, int action_dim, Term *term)
 {
     const double *head = *next;
-    const Py_ssize_t left = end - head - 5;
-    if (left < 0 || !(head[0] >= 0.0 && head[0] < KINDS && head[4] >= 0.0 && head[4] <= (double)left))
+    if (end - head < 5 || !(head[0] >= 0.0 && head[0] < KINDS && (head[2] == 2.0 || head[2] == 3.0)))
+        return false;
+    const int dims = (int)head[2], first = 1 + dims, gains = dims * action_dim;
+    const Py_ssize_t left = end - head - 5 - gains;
+    if (!(head[3] >= first && head[3] <= (double)left))
         return false;
     *term = (Term){.kind = (Kind)head[0],
                    .factor = head[1],
-                   .shift = head[2],
-                   .push = head[3],
-                   .count = (int)head[4],
-                   .numbers = head + 5};
-    const int first = kinds[term->kind].first, each = kinds[term->kind].each;
-    const int rest = term->count - first;
-    if (rest < 0 || (each == 0 ? rest : rest % each) != 0)
+                   .dims = dims,
+                   .gain = head[4],
+                   .gains = head + 5,
+                   .count = (int)head[3],
+                   .numbers = head + 5 + gains};
+    const int each = kinds[term->kind].each, rest = term->count - first;
+    if ((each == 0 ? rest : rest % (each + dims)) != 0)
         return false;
     *next = term->numbers + term->count;
     return true;
 }
 
+/* Reads an action (d,) from a tuple; false with an exception set if it is none. */
+static bool read_action(PyObject *numbers, int action_dim, Vector *action)
+{
+    if (!PyTuple_Check(numbers) || PyTuple_GET_SIZE(numbers) != action_dim) {
+        PyErr_Format(PyExc_ValueError, "start must be a tuple of %d numbers", action_dim);
+        return false;
+    }
+    for (int i = 0; i < action_dim; i++)
+        action->at[i] = PyFloat_AsDouble(PyTuple_GET_ITEM(numbers, i));
+    return !PyErr_Occurred();
+}
+
+static PyObject *tuple_of(const double *numbers, int count)
+{
+    PyObject *tuple = PyTuple_New(count);
+    for (int i = 0; tuple != NULL && i < count; i++)
+        PyTuple_SET_ITEM(tuple, i, PyFloat_FromDouble(numbers[i]));
+    return tuple;
+}
+
 static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
 {
     Network *net = &self->net;
-    PyObject *array;
+    PyObject *array, *start;
     Py_buffer buffer;
     Term terms[MAX_TERMS];
+    Vector action;
     int projection, count, most_steps;
-    double x, y, left_s;
-    if (!PyArg_ParseTuple(arguments, "iiO(dd)di", &projection, &count, &array, &x, &y, &left_s, &most_steps))
+    double left_s;
+    if (!PyArg_ParseTuple(arguments, "iiOOdi", &projection, &count, &array, &start, &left_s, &most_steps))
         return NULL;
-    if (net->batch != 1 || net->action_dim != 2 || count < 0 || count > MAX_TERMS || projection < 0 ||
-        projection >= PROJECTIONS)
+    if (net->batch != 1 || net->action_dim > MAX_ACTION || count < 0 || count > MAX_TERMS ||
+        projection < 0 || projection >= PROJECTIONS)
         return PyErr_Format(PyExc_ValueError,
-                            "sample takes batch 1, two action components and up to %d terms", MAX_TERMS);
-    if (PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
+                            "sample takes batch 1, up to %d action components and up to %d terms", MAX_ACTION,
+                            MAX_TERMS);
+    if (!read_action(start, net->action_dim, &action) ||
+        PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
         return NULL;
     const double *next = buffer.buf, *end = next + buffer.len / (Py_ssize_t)sizeof(double);
     int read = 0;
     if (strcmp(buffer.format, "d") == 0)
-        while (read < count && read_term(&next, end, &terms[read]))
+        while (read < count && read_term(&next, end, net->action_dim, &terms[read]))
             read++;
     Sample sample = {0};
     if (read == count)
-        sample =
-            sample_guided(net, (Projection)projection, terms, count, (Vector2){x, y}, left_s, most_steps);
+        sample = sample_guided(net, (Projection)projection, terms, count, action, left_s, most_steps);
     PyBuffer_Release(&buffer);
     if (read < count)
         return PyErr_Format(PyExc_ValueError, "term %d does not hold what its kind takes", read);
-    PyObject *costs = PyTuple_New(count), *conflicts = PyTuple_New(count);
-    for (int m = 0; costs != NULL && conflicts != NULL && m < count; m++) {
-        PyTuple_SET_ITEM(costs, m, PyFloat_FromDouble(sample.costs[m]));
+    PyObject *conflicts = PyTuple_New(count);
+    for (int m = 0; conflicts != NULL && m < count; m++)
         PyTuple_SET_ITEM(conflicts, m, PyLong_FromLong(sample.conflicts[m]));
-    }
-    return Py_BuildValue("(dd)iiiiNN", sample.action.x, sample.action.y, sample.steps, sample.projections,
-                         sample.fault, sample.opposed, costs, conflicts);
+    return Py_BuildValue("NiiiiNN", tuple_of(sample.action.at, net->action_dim), sample.steps,
+                         sample.projections, sample.fault, sample.opposed, tuple_of(sample.costs, count),
+                         conflicts);
 }
 
 static PyMethodDef network_methods[] = {
@@ -372,7 +399,8 @@ PyMODINIT_FUNC PyInit__kernel(void)
     if (PyModule_AddObjectRef(self, "Network", (PyObject *)&network_type) < 0 ||
         !add_names(self, "TERMS", kind_name, KINDS) ||
         !add_names(self, "PROJECTIONS", projection_name, PROJECTIONS) ||
-        PyModule_AddIntMacro(self, MAX_TERMS) < 0 || PyModule_AddIntMacro(self, MAX_LAYERS) < 0)
+        PyModule_AddIntMacro(self, INTERFACE) < 0 || PyModule_AddIntMacro(self, MAX_TERMS) < 0 ||
+        PyModule_AddIntMacro(self, MAX_ACTION) < 0 || PyModule_AddIntMacro(self, MAX_LAYERS) < 0)
         Py_CLEAR(self);
     return self;
 }

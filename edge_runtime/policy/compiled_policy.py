@@ -7,7 +7,7 @@ and `CompiledPolicy` raises. `edge_runtime.policy.backend` chooses between it an
 import importlib
 from array import array
 from collections.abc import Collection, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,9 @@ from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
 from edge_runtime.policy.velocity_field import Sample, Sampler, Term
 from edge_runtime.policy.weights import FlowWeights
+
+INTERFACE: Final = 2
+"""Of the kernel that this module was written for; see ``_kernel.c``."""
 
 
 class _Network(Protocol):
@@ -43,6 +46,8 @@ class _Kernel(Protocol):
     PROJECTIONS: tuple[str, ...]
     """Each at its number."""
     MAX_TERMS: int
+    MAX_ACTION: int
+    """Components of the longest action that it samples."""
     MAX_LAYERS: int
 
     def engines(self) -> list[str]: ...
@@ -62,7 +67,7 @@ def load_kernel() -> _Kernel:
     """Import the compiled module.
 
     Raises:
-        PolicyError: if it was not built or does not load.
+        PolicyError: if it was not built, does not load, or was built from other sources.
     """
     try:
         kernel: _Kernel = importlib.import_module("edge_runtime.policy._kernel")
@@ -71,6 +76,8 @@ def load_kernel() -> _Kernel:
             f"the compiled kernel is not usable ({error}); install a C compiler and reinstall cfpg-edge, "
             "or choose the numpy backend"
         ) from error
+    if getattr(kernel, "INTERFACE", None) != INTERFACE:
+        raise PolicyError("the compiled kernel is of another version; reinstall cfpg-edge")
     return kernel
 
 
@@ -108,7 +115,7 @@ class CompiledPolicy:
         """The instruction set in use."""
         self._kinds = {name: number for number, name in enumerate(kernel.TERMS)}
         self._projections = {name: number for number, name in enumerate(kernel.PROJECTIONS)}
-        self._most_terms = kernel.MAX_TERMS
+        self._most_terms, self._longest_action = kernel.MAX_TERMS, kernel.MAX_ACTION
         self._action = np.empty((batch, self.action_dim), np.float32)
         result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
         self._velocity_and_tangents = result.transpose(1, 0, 2)
@@ -142,19 +149,21 @@ class CompiledPolicy:
     def knows(self, projection: str, kinds: Collection[str]) -> bool:
         """Whether the kernel computes these; see `Sampler.knows`."""
         known = projection in self._projections and len(kinds) <= self._most_terms
+        known = known and self.action_dim <= self._longest_action
         return known and all(map(self._kinds.__contains__, kinds))
 
     def sample(
         self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
     ) -> Sample:
-        """Flow one planar robot's action through its steps; see `Sampler.sample`.
+        """Flow one robot's action through its steps; see `Sampler.sample`.
 
         Raises:
-            PolicyError: if the policy is for several robots, or has no two action components.
+            PolicyError: if the policy is for several robots, or the action is of another size.
         """
         flat: list[float] = []
-        for kind, factor, position_gain, velocity_gain, numbers in terms:
-            flat += (self._kinds[kind], factor, position_gain, velocity_gain, len(numbers))
+        for kind, factor, dims, gains, numbers in terms:
+            flat += (self._kinds[kind], factor, dims, len(numbers))
+            flat += gains
             flat += numbers
         number = self._projections[projection]
         try:

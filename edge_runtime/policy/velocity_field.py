@@ -16,10 +16,10 @@ class Term(NamedTuple):
     """One that the sampler knows."""
     factor: float
     """Weight of its gradient."""
-    position_gain: float
-    """What the action adds to the position that the cost is of."""
-    velocity_gain: float
-    """What the action adds to the velocity that the cost is of."""
+    dims: int
+    """Components of the position or velocity that the cost is of."""
+    gains: Sequence[float]
+    """(1 + dims d,): what the action adds to it, see `edge_runtime.motion.linear.constant_gains`."""
     numbers: Sequence[float]
     """All else that a cost of this kind depends on."""
 
@@ -48,12 +48,12 @@ class Sampler(Protocol):
     def sample(
         self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
     ) -> Sample:
-        """Flow one planar robot's action through its steps, for the observation set before.
+        """Flow one robot's action through its steps, for the observation set before.
 
         Args:
             projection: how gradients that conflict are combined.
             terms: M costs.
-            start: the flow's start.
+            start: the flow's start (d,).
             left_s: seconds from now by which the action is needed; may be infinite.
             most_steps: cut short after so many steps; T for all of them.
         """

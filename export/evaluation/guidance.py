@@ -26,8 +26,7 @@ def guided_actions(
 
     ``combine`` resolves conflicts along the flow; the guide's own projection where None.
 
-    The objectives act on the first two action components. There is no deadline and no check for faults:
-    a non-finite input leaves its own row non-finite.
+    There is no deadline and no check for faults: a non-finite input leaves its own row non-finite.
     """
     policy.observe(observation)
     outlooks = [look_ahead_batch(team, preview) for preview in guide.previews]
@@ -67,13 +66,10 @@ def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) 
 
 
 def action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
-    """dJ_m/da (M, B, d) of B actions, through the dynamics previews."""
+    """dJ_m/da (M, B, d) of B actions, through the motion model."""
     gradients = np.zeros((len(outlooks), *action.shape))
-    planar = action[:, :2]
-    for gradient, objective, outlook in zip(gradients, guide.objectives, outlooks, strict=True):
-        shift, push = outlook.preview.position_gain, outlook.preview.velocity_gain
-        position = outlook.drift_position_m + shift * planar
-        velocity = outlook.drift_velocity_m_s + push * planar
-        slope = evaluate_batch(objective, position, velocity, outlook)
-        gradient[:, :2] = shift * slope.d_position + push * slope.d_velocity
+    for m, (objective, outlook) in enumerate(zip(guide.objectives, outlooks, strict=True)):
+        motion, jacobian = outlook.at(action)
+        slope = evaluate_batch(objective, motion, outlook)
+        gradients[m] = (jacobian @ slope.d_motion[..., None])[..., 0]
     return gradients

@@ -1,13 +1,54 @@
 """What B robots know of their teams, and where everybody will be: `edge_runtime.motion.outlook` in arrays."""
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
-from edge_runtime.motion.dynamics import Preview
-from edge_runtime.motion.outlook import Neighbour, Outlook, PredictedMotion
+from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.motion.linear import LinearPreview, PlanarPreview
+from edge_runtime.motion.outlook import Outlook, look_ahead
+from edge_runtime.motion.prediction import PredictedMotion, Preview
+from edge_runtime.motion.unicycle import Rolling, UnicyclePreview
+
+COMPONENTS = len(PredictedMotion._fields)
+"""C, of a `PredictedMotion`."""
+POSITION, VELOCITY = [0, 1, 4], [2, 3, 5]
+"""Where those of position and velocity stand."""
+
+
+class MotionBatch(NamedTuple):
+    """Motions of robots, any leading axes: the batched `PredictedMotion`."""
+
+    position_m: Floats
+    """(..., dims)"""
+    velocity_m_s: Floats
+    """(..., dims)"""
+    heading_rad: Floats
+    """(...)"""
+    yaw_rate_rad_s: Floats
+    """(...)"""
+
+    @classmethod
+    def of(cls, position_m: Floats, velocity_m_s: Floats) -> "MotionBatch":
+        """Motions of robots that do not turn."""
+        nothing = np.zeros(position_m.shape[:-1])
+        return cls(position_m, velocity_m_s, nothing, nothing)
+
+    def take(self, index: int | tuple[int, ...]) -> "MotionBatch":
+        """The motions at an index of the leading axes."""
+        return MotionBatch(*(values[index] for values in self))
+
+    def state(self, robot_id: int) -> RobotState:
+        """The state of one robot, if this is one motion."""
+        position, velocity = tuple(self.position_m.tolist()), tuple(self.velocity_m_s.tolist())
+        return RobotState(
+            robot_id, 0.0, position, velocity, float(self.heading_rad), float(self.yaw_rate_rad_s)
+        )
 
 
 @dataclass(frozen=True)
@@ -16,74 +57,132 @@ class TeamBatch:
 
     robot_id: npt.NDArray[np.int64]
     """(B,)"""
-    position_m: Floats
-    """(B, 2)"""
-    velocity_m_s: Floats
-    """(B, 2)"""
+    own: MotionBatch
+    """Of B robots."""
     mate_id: npt.NDArray[np.int64]
     """(B, K)"""
-    mate_position_m: Floats
-    """(B, K, 2)"""
-    mate_velocity_m_s: Floats
-    """(B, K, 2)"""
+    mates: MotionBatch
+    """Of (B, K) teammates."""
     mate_action: Floats
-    """(B, K, 2), the teammates' intended actions."""
+    """(B, K, d), the teammates' intended actions."""
 
     @classmethod
     def of_teams(cls, position_m: Floats, velocity_m_s: Floats, action: Floats) -> "TeamBatch":
-        """Return the views of all robots of E teams of N, (E, N, 2) each: B = E N, K = N - 1."""
-        teams, robots, _ = position_m.shape
+        """Return the views of all robots of E teams of N that do not turn, (E, N, ...) each: B = E N."""
+        motion = MotionBatch.of(position_m, velocity_m_s)
+        teams, robots = action.shape[:2]
         others = [[mate for mate in range(robots) if mate != own] for own in range(robots)]
         mates = np.array(others, np.int64).reshape(robots, robots - 1)
-        shape = (teams * robots, robots - 1, 2)
-        seen = (values[:, mates].reshape(shape) for values in (position_m, velocity_m_s, action))
-        own = np.tile(np.arange(robots), teams)
-        return cls(
-            own, position_m.reshape(-1, 2), velocity_m_s.reshape(-1, 2), np.tile(mates, (teams, 1)), *seen
+
+        def seen(values: Floats) -> Floats:
+            return values[:, mates].reshape(teams * robots, robots - 1, *values.shape[2:])
+
+        own = MotionBatch(*(values.reshape(teams * robots, *values.shape[2:]) for values in motion))
+        ids = np.tile(np.arange(robots), teams)
+        around = MotionBatch(*map(seen, motion))
+        return cls(ids, own, np.tile(mates, (teams, 1)), around, seen(action))
+
+    def row(self, index: int) -> TeamState:
+        """One robot's view."""
+        mates = tuple(
+            Teammate(self.mates.take((index, k)).state(mate), tuple(self.mate_action[index, k].tolist()))
+            for k, mate in enumerate(self.mate_id[index].tolist())
         )
+        return TeamState(self.own.take(index).state(int(self.robot_id[index])), mates)
 
 
 @dataclass(frozen=True)
 class OutlookBatch:
     """The batched `Outlook`."""
 
-    robot_id: npt.NDArray[np.int64]
+    team: TeamBatch
     preview: Preview
-    drift_position_m: Floats
-    """(B, 2)"""
-    drift_velocity_m_s: Floats
-    """(B, 2)"""
-    mate_id: npt.NDArray[np.int64]
-    """(B, K)"""
-    mate_position_m: Floats
-    """(B, K, 2)"""
-    mate_velocity_m_s: Floats
-    """(B, K, 2)"""
+    drift: MotionBatch
+    """Of B robots."""
+    mates: MotionBatch
+    """Of (B, K) teammates."""
+    at: Callable[[Floats], tuple[MotionBatch, Floats]]
+    """Motions under actions (B, d), and their Jacobians (B or 1, d, C): see `Columns`."""
+
+    @property
+    def robot_id(self) -> npt.NDArray[np.int64]:
+        """Whose they are, (B,)."""
+        return self.team.robot_id
+
+    @property
+    def mate_id(self) -> npt.NDArray[np.int64]:
+        """Who the teammates are, (B, K)."""
+        return self.team.mate_id
 
     def row(self, index: int) -> Outlook:
         """The single-robot outlook of one row."""
-        mates = zip(
-            self.mate_id[index].tolist(),
-            self.mate_position_m[index].tolist(),
-            self.mate_velocity_m_s[index].tolist(),
-            strict=True,
-        )
-        drift = PredictedMotion(
-            *self.drift_position_m[index].tolist(), *self.drift_velocity_m_s[index].tolist()
-        )
-        neighbours = tuple(Neighbour(mate, *position, *velocity) for mate, position, velocity in mates)
-        return Outlook(int(self.robot_id[index]), self.preview, drift, neighbours)
+        return look_ahead(self.team.row(index), self.preview)
 
 
 def look_ahead_batch(team: TeamBatch, preview: Preview) -> OutlookBatch:
     """Predict B robots' drifts and their neighbours' motion over a preview."""
-    reach, keep = preview.position_decay, preview.velocity_decay
-    return OutlookBatch(
-        team.robot_id,
-        preview,
-        team.position_m + reach * team.velocity_m_s,
-        keep * team.velocity_m_s,
-        team.mate_id,
-        team.mate_position_m + reach * team.mate_velocity_m_s + preview.position_gain * team.mate_action,
-        keep * team.mate_velocity_m_s + preview.velocity_gain * team.mate_action,
+    own = _forecast(preview, team.own)
+    mates, _ = _forecast(preview, team.mates)(team.mate_action)
+    drift, _ = own(np.zeros((len(team.robot_id), team.mate_action.shape[-1])))
+    return OutlookBatch(team, preview, drift, mates, own)
+
+
+def _forecast(preview: Preview, start: MotionBatch) -> Callable[[Floats], tuple[MotionBatch, Floats]]:
+    """The batched `Preview.forecast`: motions and Jacobians as functions of actions (..., d)."""
+    if not isinstance(preview, LinearPreview | PlanarPreview):
+        return functools.partial(_rolled, preview, start)
+    columns = np.array([[*column, *[0.0] * (COMPONENTS - len(column))] for column in preview.columns])
+    drift = _drift(preview, start)
+
+    def at(action: Floats) -> tuple[MotionBatch, Floats]:
+        moved = action @ columns
+        place, speed = POSITION[: preview.dims], VELOCITY[: preview.dims]
+        return (
+            MotionBatch(
+                drift.position_m + moved[..., place],
+                drift.velocity_m_s + moved[..., speed],
+                drift.heading_rad + moved[..., 6],
+                drift.yaw_rate_rad_s + moved[..., 7],
+            ),
+            columns[None],
+        )
+
+    return at
+
+
+def _drift(preview: LinearPreview | PlanarPreview, start: MotionBatch) -> MotionBatch:
+    if isinstance(preview, PlanarPreview):
+        nothing = np.zeros_like(start.heading_rad)
+        return MotionBatch(
+            start.position_m + preview.position_decay * start.velocity_m_s,
+            preview.velocity_decay * start.velocity_m_s,
+            nothing,
+            nothing,
+        )
+    places, turn = preview.axes[: preview.dims], preview.axes[preview.dims :]
+    reach, keep = (np.array([getattr(axis, name) for axis in places]) for name in _DECAYS)
+    heading, yaw_rate = np.zeros_like(start.heading_rad), np.zeros_like(start.heading_rad)
+    for axis in turn:
+        heading = start.heading_rad + axis.position_decay * start.yaw_rate_rad_s
+        yaw_rate = axis.velocity_decay * start.yaw_rate_rad_s
+    return MotionBatch(
+        start.position_m + reach * start.velocity_m_s, keep * start.velocity_m_s, heading, yaw_rate
     )
+
+
+_DECAYS = ("position_decay", "velocity_decay")
+
+
+def _rolled(preview: Preview, start: MotionBatch, action: Floats) -> tuple[MotionBatch, Floats]:
+    if not isinstance(preview, UnicyclePreview):
+        raise TypeError(f"{type(preview).__name__} has no batched form")
+    heading, (vx, vy) = start.heading_rad, np.moveaxis(start.velocity_m_s, -1, 0)
+    speed = vx * np.cos(heading) + vy * np.sin(heading)
+    rolling = Rolling(*np.moveaxis(start.position_m, -1, 0), heading, speed, start.yaw_rate_rad_s)
+    moved, columns = preview.model.roll(rolling, np.moveaxis(action, -1, 0), preview.steps, np.cos, np.sin)
+    motion = MotionBatch(
+        np.stack([moved.x, moved.y], -1), np.stack([moved.vx, moved.vy], -1), moved.heading, moved.yaw_rate
+    )
+    nothing = np.zeros_like(speed)
+    rows = [[*column, *[nothing] * (COMPONENTS - len(column))] for column in columns]
+    return motion, np.stack([np.stack(np.broadcast_arrays(*row), -1) for row in rows], -2)

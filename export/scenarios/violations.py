@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from msgspec.structs import replace
 from torch import Tensor
 
 from edge_runtime.motion.dynamics import Dynamics, Preview
@@ -32,11 +33,11 @@ def violations(
     costs = []
     for objective in objectives:
         outlook = look_ahead_batch(team, _standing(dynamics.preview(objective.look_ahead)))
-        costs.append(evaluate_batch(objective, team.position_m, team.velocity_m_s, outlook).cost)
+        costs.append(evaluate_batch(objective, team.own, outlook).cost)
     cure = np.sqrt(2.0 * np.stack(costs, -1)).reshape(*position.shape[:2], -1)
     return torch.from_numpy(cure / (1.0 + cure)).to(position.device, position.dtype)
 
 
 def _standing(ahead: Preview) -> Preview:
     """A preview that leaves everybody where they are, with the gains that scale the costs."""
-    return Preview(1.0, ahead.velocity_gain, 0.0, ahead.position_gain)
+    return replace(ahead, velocity_decay=1.0, position_decay=0.0)

@@ -122,7 +122,7 @@ def test_unknown_intentions_are_zero():
     )
     assert told.mate_action.any()
     assert not untold.mate_action.any()
-    assert np.array_equal(told.mate_velocity_m_s, untold.mate_velocity_m_s)
+    assert np.array_equal(told.mates.velocity_m_s, untold.mates.velocity_m_s)
 
 
 def row(seed, success):

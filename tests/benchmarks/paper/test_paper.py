@@ -154,7 +154,7 @@ def views(position, velocity, **heard):
 def test_robots_hear_of_their_nearest_neighbours_only():
     seen = views(line(0.0, 1.0, 3.0, 7.0), np.zeros((1, 4, 2)), neighbours=2)
     assert seen.mate_id.tolist() == [[1, 2], [0, 2], [1, 0], [2, 1]]
-    assert seen.mate_position_m[0, :, 0].tolist() == [1.0, 3.0]
+    assert seen.mates.position_m[0, :, 0].tolist() == [1.0, 3.0]
 
 
 def test_a_lost_message_leaves_what_was_heard_last():
@@ -162,8 +162,8 @@ def test_a_lost_message_leaves_what_was_heard_last():
     still = np.zeros((1, 2, 2))
     hood.views(line(0.0, 1.0), still, still)
     later = hood.views(line(5.0, 6.0), still, still)
-    assert later.position_m[:, 0].tolist() == [5.0, 6.0]
-    assert later.mate_position_m[:, 0, 0].tolist() == [1.0, 0.0]
+    assert later.own.position_m[:, 0].tolist() == [5.0, 6.0]
+    assert later.mates.position_m[:, 0, 0].tolist() == [1.0, 0.0]
 
 
 def unprojected(*objectives):
@@ -182,13 +182,7 @@ def scene(count=200, seed=0):
 def costs(action, guide, outlooks):
     total = np.zeros(len(action))
     for objective, outlook in zip(guide.objectives, outlooks, strict=True):
-        preview = outlook.preview
-        total += evaluate_batch(
-            objective,
-            outlook.drift_position_m + preview.position_gain * action,
-            outlook.drift_velocity_m_s + preview.velocity_gain * action,
-            outlook,
-        ).cost
+        total += evaluate_batch(objective, outlook.at(action)[0], outlook).cost
     return total
 
 
@@ -208,7 +202,7 @@ def test_a_shield_reaches_the_safe_set_of_one_objective_at_the_nearest_action():
     outlooks = [look_ahead_batch(seen, preview) for preview in guide.previews]
     action = np.array([[1.0, 0.0]])
     moved = shield(Shield(rounds=3), action, guide, outlooks)
-    gain, drift = guide.previews[0].velocity_gain, outlooks[0].drift_velocity_m_s[0, 0]
+    gain, drift = guide.previews[0].velocity_gain, outlooks[0].drift.velocity_m_s[0, 0]
     assert drift + gain * moved[0, 0] == pytest.approx(0.3)
     assert np.abs(action_slopes(guide, outlooks, moved)).max() < 1e-6
 

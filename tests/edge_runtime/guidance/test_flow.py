@@ -171,6 +171,7 @@ class Wordless(Objective, frozen=True, kw_only=True, tag="wordless"):
 
 class Unencodable(Objective, frozen=True, kw_only=True, tag="unencodable"):
     kernel_term: ClassVar[str] = "speed_limit"
+    of: ClassVar[str] = "velocity"
 
     def evaluate(self, motion, outlook):
         return Slope(0.0)

@@ -14,7 +14,7 @@ from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, TeamState
-from edge_runtime.motion.outlook import PredictedMotion, look_ahead
+from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
@@ -43,11 +43,8 @@ def corrected(objectives, seed, reach, teammates=3):
 
 
 def cost_of(objective, team, action):
-    preview = DYNAMICS.preview(objective.look_ahead)
-    outlook = look_ahead(team, preview)
-    gains = np.repeat([preview.position_gain, preview.velocity_gain], 2)
-    motion = PredictedMotion(*(np.array(outlook.drift) + gains * np.tile(action, 2)).tolist())
-    return objective.evaluate(motion, outlook).cost
+    outlook = look_ahead(team, DYNAMICS.preview(objective.look_ahead))
+    return objective.evaluate(outlook.forecast.at(action)[0], outlook).cost
 
 
 def test_formations_are_preferences_and_safety_is_required():

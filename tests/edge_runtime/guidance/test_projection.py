@@ -8,7 +8,7 @@ from guidance_cases import planar_vector, problems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from edge_runtime.guidance.projection import PLANAR, cone, harmonize, hierarchical, project_onto_nominal
+from edge_runtime.guidance.projection import COMBINE, cone, harmonize, hierarchical, project_onto_nominal
 
 
 def descends(vector, gradients, slack=1e-9):
@@ -48,8 +48,8 @@ def test_proposition_3_never_opposes_the_nominal_flow(problem):
 def test_scale_may_go_in_before_the_projection(problem, scale):
     gradients, factors, nominal = problem
     for mode in ("none", "hierarchical", "cone"):
-        once = np.array(PLANAR[mode](gradients, factors, nominal))
-        scaled = np.array(PLANAR[mode](gradients, [scale * f for f in factors], nominal))
+        once = np.array(COMBINE[mode](gradients, factors, nominal))
+        scaled = np.array(COMBINE[mode](gradients, [scale * f for f in factors], nominal))
         assert np.allclose(scale * once, scaled, rtol=1e-9, atol=1e-7)
 
 
@@ -77,5 +77,5 @@ def test_eq_15_leaves_agreeing_guidance_alone(guidance, nominal):
 def test_zero_gradients_and_zero_flow_are_harmless(zeros):
     first, second, flow = zeros
     gradients = [(first, 0.0), (-second, second)]
-    for combine in PLANAR.values():
+    for combine in COMBINE.values():
         assert np.isfinite(combine(gradients, [1.0, 1.0], (0.0, flow))).all()

@@ -92,7 +92,7 @@ def test_slopes_are_those_of_autograd(objective):
         outlook = look_ahead(
             random_team(draw, 4, draw.permutation(5).tolist()), DYNAMICS.preview(objective.look_ahead)
         )
-        x, y, vx, vy = outlook.drift
+        x, y, vx, vy = outlook.drift[:4]
         moved = np.array([x, y]) + draw.uniform(-0.1, 0.1, 2)
         slope = objective.evaluate(PredictedMotion(*moved.tolist(), vx, vy), outlook)
         own, drift = torch.tensor(moved, requires_grad=True), torch.tensor([x, y], dtype=torch.float64)

@@ -19,7 +19,7 @@ from networks import ENGINES, needs_kernel, random_weights
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
-from edge_runtime.guidance.projection import PLANAR
+from edge_runtime.guidance.projection import COMBINE
 from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import BUILT_IN, ObstacleMargin, SafetyMargin, SpeedLimit
@@ -103,7 +103,7 @@ def test_the_kernel_sees_the_obstacles_that_python_sees(make_compiled):
 @needs_kernel
 def test_the_kernel_says_what_it_knows():
     module = load_kernel()
-    assert set(module.PROJECTIONS) == set(PLANAR)
+    assert set(module.PROJECTIONS) == set(COMBINE)
     own = {vars(kind)["kernel_term"] for kind in BUILT_IN if "kernel_term" in vars(kind)}
     assert sorted(module.TERMS) == sorted(own)
     assert (module.MAX_TERMS, module.MAX_LAYERS) == (32, 16)
@@ -224,6 +224,15 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
         (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
         (lambda net: net.sample(0, 33, np.zeros(33 * 5), (0.0, 0.0), 1.0, 9), ValueError),
         (lambda net: net.sample(0, 1, np.zeros(8, "f"), (0.0, 0.0), 1.0, 9), ValueError),
+        *(
+            (lambda net, start=start: net.sample(0, 0, np.zeros(0), start, 1.0, 9), error)
+            for start, error in (
+                ((0.0,), ValueError),
+                ((0.0,) * 3, ValueError),
+                ([0.0] * 2, ValueError),
+                (("0", 0.0), TypeError),
+            )
+        ),
     ],
 )
 def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, problem):
@@ -231,8 +240,8 @@ def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, p
         call(make_compiled(random_weights(), 3)._network)
 
 
-def head(kind=0.0, count=3.0):
-    return [kind, 1.0, 1.0, 1.0, count]
+def head(kind=0.0, count=3.0, dims=2.0):
+    return [kind, 1.0, dims, count, 1.0, 1.0, 0.0, 0.0, 1.0]
 
 
 SPEED, MARGIN = [*head(), 0.2, 0.0, 0.0], [*head(1.0, 6.0), 0.2, 0.0, 0.0, 1.0, 0.0, 1.0]
@@ -243,7 +252,10 @@ SPEED, MARGIN = [*head(), 0.2, 0.0, 0.0], [*head(1.0, 6.0), 0.2, 0.0, 0.0, 1.0, 
     [
         ([], 0),
         (SPEED[:4], 0),
-        (SPEED[:7], 0),
+        (SPEED[:9], 0),
+        (SPEED[:11], 0),
+        *(([*head(dims=dims), 0.2, 0.0, 0.0], 0) for dims in (1.0, 4.0, 2.5, math.inf, math.nan)),
+        ([*head(dims=3.0), 0.2, 0.0, 0.0], 0),
         (SPEED, 1),
         ([*SPEED, *MARGIN[:-1]], 1),
         *(([*head(kind), 0.2, 0.0, 0.0], 0) for kind in (-1.0, 2.0, 1e300, math.inf, math.nan)),
@@ -351,3 +363,9 @@ def test_a_network_whose_numbers_overflow_is_refused(weights, asked):
     large = dataclasses.replace(weights, matrices=tuple(1e30 * matrix for matrix in weights.matrices))
     with pytest.raises(PolicyError, match="computes numbers that are not finite"):
         backend.make_policy(large, 10, backend=asked)
+
+
+def test_a_kernel_of_another_version_is_refused(monkeypatch):
+    monkeypatch.setattr(kernel.importlib, "import_module", lambda _name: SimpleNamespace(TERMS=()))
+    with pytest.raises(PolicyError, match="of another version; reinstall"):
+        make_policy(random_weights(), 2, backend="compiled")

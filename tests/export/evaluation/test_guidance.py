@@ -12,7 +12,16 @@ from edge_runtime.guidance.settings import Mode
 from edge_runtime.objectives import Passing
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.evaluation.guidance import guided_actions
-from export.evaluation.outlook import TeamBatch
+from export.evaluation.outlook import MotionBatch, TeamBatch
+
+
+def _motion(state):
+    return [*state.position_m, *state.velocity_m_s, state.heading_rad, state.yaw_rate_rad_s]
+
+
+def moving(values) -> MotionBatch:
+    dims = values.shape[-1] // 2 - 1
+    return MotionBatch(values[..., :dims], values[..., dims:-2], values[..., -2], values[..., -1])
 
 
 def as_batch(teams) -> TeamBatch:
@@ -21,11 +30,9 @@ def as_batch(teams) -> TeamBatch:
 
     return TeamBatch(
         robot_id=np.array([team.own.robot_id for team in teams]),
-        position_m=np.array([team.own.position_m for team in teams]),
-        velocity_m_s=np.array([team.own.velocity_m_s for team in teams]),
+        own=moving(np.array([_motion(team.own) for team in teams])),
         mate_id=mates(lambda m: m.state.robot_id),
-        mate_position_m=mates(lambda m: m.state.position_m),
-        mate_velocity_m_s=mates(lambda m: m.state.velocity_m_s),
+        mates=moving(mates(lambda m: _motion(m.state))),
         mate_action=mates(lambda m: m.intended_action),
     )
 

@@ -18,7 +18,7 @@ from edge_runtime.objectives import (
     SpeedLimit,
 )
 from export.evaluation.objectives import evaluate_batch
-from export.evaluation.outlook import TeamBatch, look_ahead_batch
+from export.evaluation.outlook import MotionBatch, TeamBatch, look_ahead_batch
 
 
 class StayNorth(Objective, frozen=True, kw_only=True, tag="stay_north"):
@@ -63,11 +63,9 @@ def random_teams(mates, extent_m, rows=200):
     position, velocity, action = draw.uniform(-extent_m, extent_m, (3, rows, mates + 1, 2))
     return TeamBatch(
         robot_id=ids[:, 0],
-        position_m=position[:, 0],
-        velocity_m_s=velocity[:, 0],
+        own=MotionBatch.of(position[:, 0], velocity[:, 0]),
         mate_id=ids[:, 1:],
-        mate_position_m=position[:, 1:],
-        mate_velocity_m_s=velocity[:, 1:],
+        mates=MotionBatch.of(position[:, 1:], velocity[:, 1:]),
         mate_action=action[:, 1:],
     )
 
@@ -75,10 +73,10 @@ def random_teams(mates, extent_m, rows=200):
 def both(objective, team):
     """Tables (B, 5) of cost and slope, of all motions at once and one by one."""
     outlook = look_ahead_batch(team, DYNAMICS.preview(objective.look_ahead))
-    batch = evaluate_batch(objective, outlook.drift_position_m, outlook.drift_velocity_m_s, outlook)
+    batch = evaluate_batch(objective, outlook.drift, outlook)
     rows = [outlook.row(i) for i in range(len(team.robot_id))]
     singles = [objective.evaluate(row.drift, row) for row in rows]
-    return np.concatenate([batch.cost[:, None], batch.d_position, batch.d_velocity], 1), np.array(singles)
+    return np.concatenate([batch.cost[:, None], batch.d_motion], 1), np.array(singles)
 
 
 def test_every_objective_is_tried():
@@ -99,7 +97,7 @@ def test_robots_that_coincide_are_parted_alike(objective):
     """All at one place, in the middle of the fence where there is one: only their numbers tell them apart."""
     team = random_teams(2, 0.0, rows=6)
     centre = getattr(objective, "centre_m", (0.0, 0.0))
-    team.position_m[:], team.mate_position_m[:] = centre, centre
+    team.own.position_m[:], team.mates.position_m[:] = centre, centre
     many, ones = both(objective, team)
     np.testing.assert_allclose(many, ones, rtol=1e-12, atol=1e-9)
     assert np.isfinite(many).all()

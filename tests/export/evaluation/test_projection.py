@@ -9,14 +9,14 @@ from guidance_cases import problems
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.guidance.projection import PLANAR
+from edge_runtime.guidance.projection import COMBINE
 from export.evaluation.projection import BATCH, cone_batch, harmonize_batch, hierarchical_batch
 
 
-@given(problems(), st.sampled_from(sorted(PLANAR)))
+@given(problems(), st.sampled_from(sorted(COMBINE)))
 def test_planar_and_batched_agree(problem, mode):
     gradients, factors, nominal = problem
-    single = PLANAR[mode](gradients, factors, nominal)
+    single = COMBINE[mode](gradients, factors, nominal)
     many = BATCH[mode](np.array(gradients)[:, None], np.array(factors), np.array([nominal]))[0]
     scale = max(
         1.0, *np.abs(single), sum(f * np.linalg.norm(g) for f, g in zip(factors, gradients, strict=True))
