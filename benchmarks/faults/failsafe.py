@@ -21,7 +21,7 @@ from firmware_bridge.can.profile import load_profile, profile_path
 from firmware_bridge.guard.spec import GuardFlags, deadline_s
 from firmware_bridge.mavlink.profiles import PROFILES
 
-PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
+PAGE = Path(__file__).parents[2] / "docs" / "failsafe.md"
 BEGIN, END = "<!-- python -m benchmarks failsafe -->\n", "<!-- end -->"
 PX4_TIMEOUT_S = 1.0
 """COM_OF_LOSS_T as PX4 comes."""

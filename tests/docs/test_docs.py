@@ -20,6 +20,8 @@ from edge_runtime.objectives.gradient_check import check_gradient
 from firmware_bridge.can.profile import PROFILES as CAN_PROFILES
 from firmware_bridge.mavlink.profiles import PROFILES as MAVLINK_PROFILES
 
+PYPROJECT = ROOT / "pyproject.toml"
+
 
 class UnderstoodError(BaseException):
     """A command line was understood; its program need not go on."""
@@ -50,6 +52,15 @@ def test_every_command_is_understood_by_its_program(line, monkeypatch):
     main = importlib.import_module(module).main
     with pytest.raises(UnderstoodError):
         main(arguments) if main.__code__.co_argcount else main()
+
+
+def test_every_extra_that_a_user_may_want_is_listed():
+    (extras,) = re.findall(
+        r"^\[project.optional-dependencies]\n(.*?)^\[", PYPROJECT.read_text(), re.DOTALL | re.MULTILINE
+    )
+    page = (ROOT / "docs" / "install.md").read_text()
+    names = {*re.findall(r"^(\w+) = ", extras, re.MULTILINE)} - {"test", "mutation", "dev"}
+    assert {name for name in names if f"`{name}`" not in page} == set()
 
 
 def test_the_pages_show_commands_of_every_program():
