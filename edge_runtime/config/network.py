@@ -23,8 +23,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What frames, flags and reports call it; each robot's is its own."""
     start_m: Place
     """Where a simulated robot starts."""
-    goal_m: Place
-    """Where it is to go, in the team's frame."""
+    goal_m: Place | None = None
+    """Where it is to go, in the team's frame; None for one that serves a common task instead."""
     start_heading_rad: float = 0.0
     """Which way a simulated robot faces at first, counter-clockwise from x."""
     address: str | None = None

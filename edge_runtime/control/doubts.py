@@ -33,7 +33,7 @@ def doubts(mission: Mission) -> Iterator[str]:
             "at most; is limit_m_s in m/s?"
         )
     robot = mission.fleet.robot(mission.robot_id)
-    way_m = math.dist(robot.start_m, robot.goal_m)
+    way_m = math.dist(robot.start_m, robot.goal_m or robot.start_m)
     if way_m > LONGEST_WAY_S * fastest_m_s:
         yield (
             f"the goal of robot {robot.id} is {way_m:g} m from its start, {way_m / fastest_m_s:.0f} s at the "

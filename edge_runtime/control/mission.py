@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Final
 
 from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet, Team
@@ -16,13 +17,16 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
-from edge_runtime.observation import Sensor, Source, Tracked, TrackedGoalOffset
+from edge_runtime.observation import GoalOffset, Sensor, Source, Tracked, TrackedGoalOffset
 from edge_runtime.observation.familiarity import Familiarity, knows_training
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import Adaptation, adapt
 from edge_runtime.policy.backend import Backend
 from edge_runtime.policy.bundle import MANIFEST_FILE, Bundle
 from edge_runtime.policy.velocity_field import VelocityField
+
+NOWHERE: Final = (math.nan, math.nan)
+"""Goal of a robot that has none: whoever observes it stops the robot."""
 
 
 def adaptation_of(robot: Robot, team: Team) -> Adaptation:
@@ -65,6 +69,7 @@ class Mission:
         self._check_dims()
         self._check_apart("start_m")
         self._check_apart("goal_m")
+        self._check_goals()
         self._check_obstacles()
         self._check_sight(self.objective_set)
         self._check_familiarity()
@@ -136,7 +141,9 @@ class Mission:
 
     def _observer(self, robot: Robot) -> Observer:
         path, scale_m = str(self.bundle.directory / MANIFEST_FILE), self.fleet.team.scale_m
-        return Observer(self.bundle.manifest, robot.goal_m, scale_m, own=self.own_sources, path=path)
+        return Observer(
+            self.bundle.manifest, robot.goal_m or NOWHERE, scale_m, own=self.own_sources, path=path
+        )
 
     def _ready(self, asked: ObjectiveSet) -> Guide:
         return guide_for(self.bundle.manifest, asked, guided=self.guided)
@@ -175,6 +182,14 @@ class Mission:
                     "address of a stream, such as 10.0.0.5:47100",
                 )
 
+    def _check_goals(self) -> None:
+        """Refuse a policy that observes the way to a goal where a robot has none."""
+        manifest = self.bundle.manifest
+        for index, robot in enumerate(self.fleet.robots):
+            if robot.goal_m is None and any(isinstance(field, GoalOffset) for field in manifest.observation):
+                key = f"robots[{index}].goal_m"
+                refuse(self.fleet.path, key, f"missing: policy {manifest.name!r} observes the way to it")
+
     def _check_familiarity(self) -> None:
         """Refuse to judge by ranges that nobody knows."""
         asked = self.fleet.team.max_unfamiliar_s is not None
@@ -193,7 +208,8 @@ class Mission:
         sensors = list(fleet.robot(self.robot_id).sensors)
         for index, field in enumerate(self.bundle.manifest.observation):
             key = f"observation[{index}]"
-            if isinstance(field, Sensor) and field.sensor not in sensors:
+            networked = fleet.carrier is not None  # else the simulation tells, or says that it cannot
+            if networked and isinstance(field, Sensor) and field.sensor not in sensors:
                 refuse(path, f"{key}.sensor", _not_told(field.sensor, "sensors of the robot", fleet, sensors))
             if isinstance(field, Tracked) and field.object not in tracked:
                 refuse(path, f"{key}.object", _not_told(field.object, "[[tracked]]", fleet, list(tracked)))
@@ -233,8 +249,8 @@ class Mission:
         robots: tuple[Robot, ...] = self.fleet.robots
         for index, robot in enumerate(robots):
             for other in robots[:index]:
-                distance = math.dist(getattr(robot, place), getattr(other, place))
-                if distance < diameter:
+                own, others = getattr(robot, place), getattr(other, place)
+                if own is not None and others is not None and (distance := math.dist(own, others)) < diameter:
                     raise ConfigError(
                         f"{self.fleet.path}: robots[{index}].{place}: {distance:.3f} m from that of robot "
                         f"{other.id}; their discs need at least {diameter:g} m"

@@ -31,8 +31,8 @@ class Monitor:
     """Follows one run tick by tick.
 
     Args:
-        fleet: the robots with their goals.
-        hold_ticks: for how many ticks in a row all robots must be at their goals to hold them.
+        fleet: the robots and tracked objects with their goals.
+        hold_ticks: for how many ticks in a row all that have goals must be there to hold them.
         euler_steps: of a complete sample.
         asked: the objectives that the run begins with.
     """
@@ -55,7 +55,9 @@ class Monitor:
         """Each set of objectives so far, over its own time."""
         self.anytime_ticks = 0
         """Ticks whose sample was cut short by the deadline."""
-        self._goals = {robot.id: robot.goal_m for robot in fleet.robots}
+        self._goals = {robot.id: robot.goal_m for robot in fleet.robots if robot.goal_m}
+        self.objects = {each.name: math.inf for each in fleet.tracked if each.goal_m}
+        """How far each tracked object that has a goal is from it, in m; infinite before it was seen."""
         self._tolerance_m = fleet.team.goal_tolerance_m
         self._hold_ticks, self._held = hold_ticks, 0
         self._euler_steps = euler_steps
@@ -69,7 +71,7 @@ class Monitor:
         if unfamiliar.field:
             self.unfamiliar[unfamiliar.field] += 1
         states = [team.own, *(mate.state for mate in team.teammates if mate.state.robot_id in self.robots)]
-        self._follow_team(states)
+        self._follow_goals(states, team)
         self._measure(states, team)
         if guided.objective_failed and not self.objective_fault:
             self.objective_fault = guided.fault
@@ -92,16 +94,34 @@ class Monitor:
         """Whether a robot is at its goal now."""
         return self.robots[robot_id].goal_distance_m <= self._tolerance_m
 
+    def has_goal(self, robot_id: int) -> bool:
+        """Whether a robot is to be somewhere."""
+        return robot_id in self._goals
+
+    @property
+    def goals(self) -> int:
+        """How many robots and tracked objects have a goal."""
+        return len(self._goals) + len(self.objects)
+
+    @property
+    def goals_reached(self) -> int:
+        """How many of them are there now."""
+        there = sum(distance_m <= self._tolerance_m for distance_m in self.objects.values())
+        return there + sum(map(self.reached, self._goals))
+
     @property
     def all_hold(self) -> bool:
-        """Whether all robots have been at their goals long enough."""
+        """Whether all that have goals have been there long enough; never where none has."""
         return self._held >= self._hold_ticks
 
-    def _follow_team(self, states: list[RobotState]) -> None:
+    def _follow_goals(self, states: list[RobotState], team: TeamState) -> None:
         for state in states:
-            tally = self.robots[state.robot_id]
-            tally.goal_distance_m = math.dist(state.position_m, self._goals[state.robot_id])
-        self._held = self._held + 1 if all(map(self.reached, self.robots)) else 0
+            if goal_m := self._goals.get(state.robot_id):
+                self.robots[state.robot_id].goal_distance_m = math.dist(state.position_m, goal_m)
+        for each in team.tracked:
+            if each.name in self.objects and each.goal_m:
+                self.objects[each.name] = math.dist(each.position_m, each.goal_m)
+        self._held = self._held + 1 if 0 < self.goals == self.goals_reached else 0
 
     def _measure(self, states: list[RobotState], team: TeamState) -> None:
         for mate in team.silent:

@@ -27,7 +27,7 @@ def gradient(objective: Objective, mission: Mission) -> Finding:
     Raises:
         GradientError: if it is not, or the objective raises.
     """
-    places = (place for robot in mission.fleet.robots for place in (*robot.start_m, *robot.goal_m))
+    places = (place for robot in mission.fleet.robots for place in (*robot.start_m, *(robot.goal_m or ())))
     arena_m = max(map(math.fabs, places))
     active = motions = 0
     for extent_m in {NEAR_M, max(arena_m, NEAR_M)}:

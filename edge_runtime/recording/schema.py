@@ -68,10 +68,24 @@ class RobotPlace(msgspec.Struct, frozen=True):
 
     robot_id: Integer
     start_m: Place
-    goal_m: Place
+    goal_m: Place | None
 
     def __post_init__(self) -> None:
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
+
+
+class ObjectPlace(msgspec.Struct, frozen=True):
+    """One tracked object of the fleet."""
+
+    name: str
+    """By which each tick's state tells of it."""
+    goal_m: Vector2 | None
+    """Where it is to go, if anywhere."""
+    radius_m: float
+    """Of the disc by which it is drawn."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self, {"goal_m": (-GREATEST, GREATEST), "radius_m": (0.0, GREATEST)})
 
 
 class FleetIdentity(msgspec.Struct, frozen=True):
@@ -82,6 +96,8 @@ class FleetIdentity(msgspec.Struct, frozen=True):
     """Of the fleet file."""
     goal_tolerance_m: float
     robots: tuple[RobotPlace, ...]
+    tracked: tuple[ObjectPlace, ...] = ()
+    """What is no robot, yet has a pose."""
 
     def __post_init__(self) -> None:
         check_bounds(self, {"goal_tolerance_m": (0.0, GREATEST)})

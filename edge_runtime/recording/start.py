@@ -25,6 +25,7 @@ from edge_runtime.recording.schema import (
     LoggedObjective,
     LoggedObjectiveSet,
     Machine,
+    ObjectPlace,
     RobotPlace,
     Settings,
     Start,
@@ -102,6 +103,7 @@ def _fleet(mission: Mission) -> FleetIdentity:
         hashlib.sha256(fleet.path.read_bytes()).hexdigest(),
         fleet.team.goal_tolerance_m,
         tuple(RobotPlace(robot.id, robot.start_m, robot.goal_m) for robot in fleet.robots),
+        tuple(ObjectPlace(each.name, each.goal_m, each.radius_m) for each in fleet.tracked),
     )
 
 

@@ -64,11 +64,12 @@ class LiveLine:
             text = f"{begin} stands: {printable(monitor.stop_reason)}"
             return text[:LONGEST_LINE] if self._terminal else text
         own = monitor.robots[self._robot_id]
-        reached = sum(map(monitor.reached, monitor.robots))
+        goal = f"goal {own.goal_distance_m:.2f} m, " if math.isfinite(own.goal_distance_m) else ""
+        goal += "".join(f"{name} {away:.2f} m, " for name, away in monitor.objects.items())
         nearest = f"{own.min_separation_m:.2f} m" if math.isfinite(own.min_separation_m) else "-"
         line = (
-            f"{begin}: goal {own.goal_distance_m:.2f} m, nearest {nearest}; "
-            f"{reached} of {len(monitor.robots)} there, {self._grid.misses} missed"
+            f"{begin}: {goal}nearest {nearest}; "
+            f"{monitor.goals_reached} of {monitor.goals} there, {self._grid.misses} missed"
         )
         unseen = f"; unseen {monitor.unfamiliar_now}" if monitor.unfamiliar_now else ""
         return line + unseen[: LONGEST_LINE - len(line)]
@@ -117,14 +118,15 @@ def _objectives(report: RunReport) -> str:
 
 
 def _goals(report: RunReport, colour: bool) -> str:
-    robots = [
-        f"robot {robot.robot_id} "
-        + ("never seen" if robot.goal_distance_m is None else f"{robot.goal_distance_m:.3f} m")
-        for robot in report.robots
+    if not report.goals:
+        return "none, the team has no places to be at"
+    aways = {f"robot {robot.robot_id}": robot.goal_distance_m for robot in report.robots if robot.has_goal}
+    told = [
+        f"{name} {'never seen' if away is None else f'{away:.3f} m'}"
+        for name, away in (aways | report.objects).items()
     ]
-    reached = sum(robot.goal_reached for robot in report.robots)
-    verdict = _verdict(report.team_goals_reached, f"{reached} of {len(robots)} reached", colour)
-    return f"{verdict}: {', '.join(robots)}"
+    reached = f"{report.goals_reached} of {report.goals} reached"
+    return f"{_verdict(report.team_goals_reached, reached, colour)}: {', '.join(told)}"
 
 
 class _Row(NamedTuple):

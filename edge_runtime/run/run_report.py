@@ -19,10 +19,13 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     robot_id: int
     goal_distance_m: float | None
+    """None as well where it has no goal."""
     goal_reached: bool
     min_separation_m: float | None
     """Least distance between its centre and any other's."""
     max_speed_m_s: float
+    has_goal: bool = True
+    """Whether the fleet file gives it one."""
     silent_s: float = 0.0
     """How long it was masked: what it did then is in none of these figures."""
 
@@ -76,6 +79,11 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     judgements: tuple[Judgement, ...]
     """One for each set of objectives, in the order in which they held."""
     robots: tuple[RobotReport, ...]
+    goals: int = 0
+    """How many robots and tracked objects have a goal."""
+    goals_reached: int = 0
+    objects: dict[str, float | None] = {}
+    """How far each tracked object that has a goal is from it, in m; None for what was never seen."""
     fleet: FleetReport | None
     """The team's network; None for a team in one process."""
     log: LogReport | None = None
@@ -127,7 +135,7 @@ def make_report(
         tick_us=timing.tick_us(),
         stage_us=timing.stage_us(),
         goal_reached=monitor.reached(mission.robot_id),
-        team_goals_reached=all(robot.goal_reached for robot in robots),
+        team_goals_reached=0 < monitor.goals == monitor.goals_reached,
         min_separation_m=min(separations, default=None),
         max_speed_m_s=max(robot.max_speed_m_s for robot in robots),
         safety_margin_m=judgements[-1].safety_margin_m,
@@ -135,6 +143,9 @@ def make_report(
         settled=judgements[-1].judged_s > 0.0,
         judgements=judgements,
         robots=robots,
+        goals=monitor.goals,
+        goals_reached=monitor.goals_reached,
+        objects={name: away if math.isfinite(away) else None for name, away in monitor.objects.items()},
         fleet=fleet,
         log=log,
         stopping=stopping,
@@ -150,5 +161,6 @@ def _robot_report(robot_id: int, monitor: Monitor, period_s: float) -> RobotRepo
         monitor.reached(robot_id),
         tally.min_separation_m if math.isfinite(tally.min_separation_m) else None,
         tally.max_speed_m_s,
+        monitor.has_goal(robot_id),
         tally.silent_ticks * period_s,
     )

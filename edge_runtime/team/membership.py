@@ -17,6 +17,7 @@ from edge_runtime.messages import Command, Reading, RobotState, Teammate, TeamSt
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.network.udp import Carrier, UdpCarrier
+from edge_runtime.observation import Sensor
 from edge_runtime.team.link import NetworkTeam, TeamRules
 from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.orders import Orders
@@ -190,6 +191,10 @@ def _check_alone(mission: Mission) -> None:
         refuse(fleet.path, "carrier", "missing: a robot of this team would drive blind beside the others")
     if fleet.tracked:
         refuse(fleet.path, "carrier", "missing: it brings the poses of what [[tracked]] names")
+    if any(isinstance(field, Sensor) for field in mission.bundle.manifest.observation):
+        refuse(
+            fleet.path, "carrier", "missing: it brings the readings of the sensors that the policy observes"
+        )
     if fleet.obstacles:
         refuse(fleet.path, "obstacle", "means nothing on a real robot; take it away, or use --bridge sim")
     for objective in mission.objectives:

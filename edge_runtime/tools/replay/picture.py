@@ -45,7 +45,8 @@ def _draw_way(axes: Axes, answer: Answer, place: RobotPlace) -> None:
     way = np.array(answer.positions_m)
     axes.plot(*way.T, color="lightgrey", lw=3, zorder=1)
     axes.plot(*place.start_m, "o", color="grey", label="start")
-    axes.plot(*place.goal_m, "*", color="black", ms=12, label="goal")
+    if place.goal_m:
+        axes.plot(*place.goal_m, "*", color="black", ms=12, label="goal")
     shown = np.unique(np.linspace(0, len(way) - 1, ARROWS).astype(int))
     every = np.array([command.action for command in (*answer.done, *answer.instead)])
     scale = np.abs(every).max() / (LONGEST * max(np.ptp(way), 1e-3)) or 1.0

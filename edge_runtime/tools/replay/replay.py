@@ -19,6 +19,7 @@ from edge_runtime.common.own_code import own_name
 from edge_runtime.common.processor import processor
 from edge_runtime.config.objectives import make_objective_set
 from edge_runtime.control.limits import RobotLimits, limited, robot_limits
+from edge_runtime.control.mission import NOWHERE
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import guide_for
@@ -88,7 +89,7 @@ class Replay:
         bundle = adapt(bundle, adaptation)
         self._observer = Observer(
             bundle.manifest,
-            robots[start.robot_id].goal_m,
+            robots[start.robot_id].goal_m or NOWHERE,
             adaptation.scale_m,
             own=own,
             path=str(bundle.directory / MANIFEST_FILE),

@@ -9,7 +9,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.wire import LogReport
 from edge_runtime.tools.report.digest import RunDigest, digest
-from edge_runtime.tools.report.page.animation import Scene, animate, check_target
+from edge_runtime.tools.report.page.animation import Moving, Scene, animate, check_target
 from edge_runtime.tools.report.team import fences, limits, team_of
 
 
@@ -62,4 +62,5 @@ def scene_of(run: RunDigest) -> Scene:
         speed_limit_m_s=min((limit.value for limit in speeds), default=None),
         margin_m=max((limit.value for limit in margins), default=None),
         circles=fences(team),
+        objects=[Moving(one.position_m, one.place.radius_m, one.place.goal_m) for one in team.objects],
     )

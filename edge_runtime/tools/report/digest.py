@@ -31,6 +31,8 @@ class RunDigest:
     """(T,), since 1970."""
     motion: dict[int, Floats]
     """(T, 4) by robot: position in m, velocity in m/s, as this robot knew them."""
+    objects: dict[str, Floats]
+    """(T, 2) by tracked object: position in m."""
     age_s: dict[int, Floats]
     """(T,) by teammate."""
     stage_us: Floats
@@ -57,6 +59,7 @@ class _Columns:
 
     time_s: list[float] = field(default_factory=list)
     motion: dict[int, dict[int, tuple[float, ...]]] = field(default_factory=dict)
+    objects: dict[str, dict[int, tuple[float, ...]]] = field(default_factory=dict)
     age_s: dict[int, dict[int, float]] = field(default_factory=dict)
     stage_us: list[tuple[float, ...]] = field(default_factory=list)
     misses: list[float] = field(default_factory=list)
@@ -72,6 +75,8 @@ class _Columns:
         self.time_s.append(time_s)
         for state in (tick.state.own, *(mate.state for mate in tick.state.teammates)):
             self.motion.setdefault(state.robot_id, {})[row] = (*state.position_m, *state.velocity_m_s)
+        for each in tick.state.tracked:
+            self.objects.setdefault(printable(each.name), {})[row] = each.position_m[:2]
         for mate in tick.state.teammates:
             self.age_s.setdefault(mate.state.robot_id, {})[row] = mate.age_s
         self.stage_us.append(tuple(getattr(tick.timing, stage) for stage in STAGES))
@@ -140,6 +145,7 @@ def _arranged(
         end,
         np.array(columns.time_s),
         {robot: _filled(rows, count, 4) for robot, rows in sorted(columns.motion.items())},
+        {name: _filled(rows, count, 2) for name, rows in columns.objects.items()},
         {robot: _filled(rows, count, 1)[:, 0] for robot, rows in sorted(columns.age_s.items())},
         _drawn(np.array(columns.stage_us, np.float64).reshape(count, len(STAGES))),
         np.array(columns.misses, np.float64),

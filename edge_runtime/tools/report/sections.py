@@ -43,7 +43,7 @@ def make_page(team: TeamDigest, notes: tuple[str, ...] = ()) -> Page:
 
 def _verdicts(team: TeamDigest) -> list[Verdict]:
     tolerance = team.runs[0].start.fleet.goal_tolerance_m
-    last = [float(track.goal_distance_m[-1]) for track in team.tracks if len(track.time_s)]
+    last = [float(track.goal_distance_m[-1]) for track in team.with_goals if len(track.time_s)]
     there = sum(distance <= tolerance for distance in last)
     apart = [(track.time_s, separation(track, team)) for track in team.tracks]
     speed = [(track.time_s, track.speed_m_s) for track in team.tracks]
@@ -101,6 +101,7 @@ def _map(team: TeamDigest) -> Figure:
         Track(track.name, track.position_m, track.place.goal_m, start.bundle.radius_m)
         for track in team.tracks
     ]
+    tracks += [Track(one.name, one.position_m, one.place.goal_m, one.place.radius_m) for one in team.objects]
     drawn = arena(tracks, fences(team), start.fleet.goal_tolerance_m)
     caption = (
         "Ways from the starts (dots) to the last positions (discs, to scale); crosses are goals, "
@@ -113,7 +114,7 @@ def _against_limits(team: TeamDigest) -> list[Item]:
     apart: Series = {track.name: (track.time_s, separation(track, team)) for track in team.tracks}
     apart = {name: rows for name, rows in apart.items() if np.isfinite(rows[1]).any()}
     speed: Series = {track.name: (track.time_s, track.speed_m_s) for track in team.tracks}
-    goal: Series = {track.name: (track.time_s, track.goal_distance_m) for track in team.tracks}
+    goal: Series = {track.name: (track.time_s, track.goal_distance_m) for track in team.with_goals}
     tolerance = team.runs[0].start.fleet.goal_tolerance_m
     items: list[Item] = []
     if apart:

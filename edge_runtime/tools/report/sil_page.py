@@ -76,7 +76,7 @@ def _robots(robots: Sequence[RobotQuality]) -> Table:
             str(robot.robot_id),
             f"{robot.achieved_rate_hz:.2f}",
             str(robot.deadline_misses),
-            f"{robot.goal_distance_m:.3f}",
+            "-" if robot.goal_distance_m is None else f"{robot.goal_distance_m:.3f}",
             "-" if robot.least_distance_m is None else f"{robot.least_distance_m:.3f}",
             f"{robot.greatest_speed_m_s:.3f}",
             str(robot.collisions),

@@ -1,7 +1,7 @@
 """Several robots' runs on one time axis."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeGuard
 
@@ -11,7 +11,7 @@ from edge_runtime.common.arrays import Floats
 from edge_runtime.common.bounds import GREATEST
 from edge_runtime.control.judgement import SETTLE_S
 from edge_runtime.messages import Vector2
-from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, RobotPlace
+from edge_runtime.recording.schema import LoggedObjective, LoggedObjectiveSet, ObjectPlace, RobotPlace
 from edge_runtime.tools.report.digest import RunDigest
 from edge_runtime.tools.report.page.arena import Circle
 from edge_runtime.tools.report.page.chart import Limit
@@ -41,8 +41,29 @@ class RobotTrack:
 
     @property
     def goal_distance_m(self) -> Floats:
-        """(T,) distances to its own goal."""
-        return np.hypot(*(self.position_m - np.array(self.place.goal_m)).T)
+        """(T,) distances to its own goal; NaN without one."""
+        return np.hypot(*(self.position_m - np.array(self.place.goal_m or (np.nan, np.nan))).T)
+
+
+@dataclass(frozen=True)
+class ObjectTrack:
+    """Where a tracked object was, as the first robot that saw it knew."""
+
+    place: ObjectPlace
+    time_s: Floats
+    """(T,), since the report's zero."""
+    position_m: Floats
+    """(T, 2)"""
+
+    @property
+    def name(self) -> str:
+        """What charts call it."""
+        return self.place.name
+
+    @property
+    def goal_distance_m(self) -> Floats:
+        """(T,) distances to its goal; NaN without one."""
+        return np.hypot(*(self.position_m - np.array(self.place.goal_m or (np.nan, np.nan))).T)
 
 
 @dataclass(frozen=True)
@@ -53,6 +74,13 @@ class TeamDigest:
     zero_s: float
     """The report's zero, since 1970."""
     tracks: tuple[RobotTrack, ...]
+    objects: tuple[ObjectTrack, ...] = ()
+
+    @property
+    def with_goals(self) -> list[RobotTrack | ObjectTrack]:
+        """Whatever is to be somewhere."""
+        every: list[RobotTrack | ObjectTrack] = [*self.tracks, *self.objects]
+        return [track for track in every if track.place.goal_m]
 
     @property
     def duration_s(self) -> float:
@@ -77,7 +105,13 @@ def team_of(runs: Sequence[RunDigest]) -> TeamDigest:
             continue
         motion = source.motion[place.robot_id]
         tracks.append(RobotTrack(place, source.time_s - zero_s, motion[:, :2], motion[:, 2:]))
-    return TeamDigest(tuple(runs), zero_s, tuple(tracks))
+    return TeamDigest(tuple(runs), zero_s, tuple(tracks), tuple(_objects(runs, zero_s)))
+
+
+def _objects(runs: Sequence[RunDigest], zero_s: float) -> Iterator[ObjectTrack]:
+    for place in runs[0].start.fleet.tracked:
+        if source := next((run for run in runs if place.name in run.objects), None):
+            yield ObjectTrack(place, source.time_s - zero_s, source.objects[place.name])
 
 
 def separation(one: RobotTrack, team: TeamDigest) -> Floats:

@@ -14,8 +14,8 @@ from firmware_bridge.sil.firmware.world import World
 class RobotOutcome(msgspec.Struct, frozen=True):
     """One robot's part in a run, from the beginning of the measurement to its end."""
 
-    goal_distance_m: float
-    """At the end."""
+    goal_distance_m: float | None
+    """At the end; None for a robot without a goal."""
     collisions: int
     """Contacts with other robots, counted when they begin."""
     violated_s: float
@@ -30,16 +30,20 @@ class Truth:
 
     Args:
         world: the plant.
-        goals_m: of the robots, in its order.
+        goals_m: of the robots, in its order; None for one that has none.
         objectives: what the team is asked.
         period_s: of one step.
     """
 
     def __init__(
-        self, world: World, goals_m: Sequence[Vector2], objectives: Sequence[Objective], period_s: float
+        self,
+        world: World,
+        goals_m: Sequence[Vector2 | None],
+        objectives: Sequence[Objective],
+        period_s: float,
     ) -> None:
         robots = len(goals_m)
-        self._world, self._goals_m, self._period_s = world, np.array(goals_m), period_s
+        self._world, self._goals_m, self._period_s = world, goals_m, period_s
         self._speed_m_s = min(
             (o.limit_m_s for o in objectives if isinstance(o, SpeedLimit)), default=math.inf
         )
@@ -64,14 +68,14 @@ class Truth:
 
     def outcomes(self) -> tuple[RobotOutcome, ...]:
         """Sum up, in the world's order."""
-        offset = self._world.position_m - self._goals_m
+        places = self._world.position_m.tolist()
         return tuple(
             RobotOutcome(
-                float(math.hypot(*offset[robot])),
+                None if goal_m is None else math.dist(places[robot], goal_m),
                 int(self._collisions[robot]),
                 float(self._violated_steps[robot] * self._period_s),
                 float(self._least[robot]) if math.isfinite(self._least[robot]) else None,
                 float(self._greatest[robot]),
             )
-            for robot in range(len(offset))
+            for robot, goal_m in enumerate(self._goals_m)
         )

@@ -84,7 +84,10 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         fleet_used_age_ms=percentiles(log.state_ages_s(recording.t0_s, recording.end_s), 1e3),
         objective_violations_share=outcome.violated_s / (recording.end_s - recording.t0_s),
         collisions=outcome.collisions,
-        goals_reached=int(outcome.goal_distance_m <= scenario.fleet.team.goal_tolerance_m),
+        goals_reached=int(
+            outcome.goal_distance_m is not None
+            and outcome.goal_distance_m <= scenario.fleet.team.goal_tolerance_m
+        ),
         cpu_cores=sum(cost.cpu_cores for cost in own),
         memory_mib=sum(cost.memory_mib for cost in own),
         robot_id=robot_id,

@@ -43,9 +43,9 @@ def _title(report: SilReport) -> str:
 def _row(name: str, quality: Quality) -> tuple[str, ...]:
     goal = f"{quality.goals_reached}"
     if isinstance(quality, RobotQuality):
-        goal = ("reached" if quality.goals_reached else f"{quality.goal_distance_m:.2f} m away") + (
-            ", exempt" if quality.exempt else ""
-        )
+        away_m = quality.goal_distance_m
+        goal = "-" if away_m is None else "reached" if quality.goals_reached else f"{away_m:.2f} m away"
+        goal += ", exempt" if quality.exempt else ""
     return (
         name,
         f"{quality.achieved_rate_share:.2%}",

@@ -57,13 +57,12 @@ def _ages(robot: RobotQuality, limits: RunLimits, period_ms: float) -> Iterator[
 def _team(report: SilReport, judged: list[RobotQuality], limits: RunLimits) -> Iterator[str]:
     if limits.collisions is not None and report.team.collisions > limits.collisions:
         yield f"{report.team.collisions} collisions, {limits.collisions} allowed"
-    reached = sum(robot.goals_reached for robot in judged)
+    going = [(robot, robot.goal_distance_m) for robot in judged if robot.goal_distance_m is not None]
+    reached = sum(robot.goals_reached for robot, _ in going)
     least = limits.goals_reached_share
-    if least is not None and reached < least * len(judged):
-        away = ", ".join(
-            f"robot {r.robot_id} {r.goal_distance_m:.2f} m" for r in judged if not r.goals_reached
-        )
-        yield f"{reached} of {len(judged)} goals reached ({away} away)"
+    if least is not None and reached < least * len(going):
+        away = ", ".join(f"robot {r.robot_id} {away_m:.2f} m" for r, away_m in going if not r.goals_reached)
+        yield f"{reached} of {len(going)} goals reached ({away} away)"
 
 
 def _memory(report: SilReport, limits: RunLimits) -> Iterator[str]:

@@ -74,7 +74,7 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     """(from, to) of each time of over three periods that its log does not tell of, in the run's time."""
     objective_changes_s: tuple[tuple[float, int], ...]
     """(time, version) of each first decision under other objectives, in the run's time."""
-    goal_distance_m: float
+    goal_distance_m: float | None
     least_distance_m: float | None
     greatest_speed_m_s: float
     firmware_timeouts: int

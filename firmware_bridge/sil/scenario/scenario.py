@@ -60,7 +60,7 @@ class Station(msgspec.Struct, frozen=True):
     port: int
     """Where it hears its team."""
     start_m: Vector2
-    goal_m: Vector2
+    goal_m: Vector2 | None
     heading_rad: float
 
 
@@ -162,11 +162,12 @@ def _check_clock() -> None:
 
 def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, network: Network) -> Station:
     robot = fleet.robot(robot_id)
-    (x, y, *_), (goal_x, goal_y, *_) = robot.start_m, robot.goal_m
+    x, y, *_ = robot.start_m
+    goal_x, goal_y, *_ = robot.goal_m or (x + 1.0, y)
     heading = math.atan2(goal_y - y, goal_x - x)
     number, port = network.wires[robot_id], network.ports[robot_id]
     wire = multicast_bus(number) if bridge == "can" else str(number)
-    return Station(robot_id, str(file), wire, port, (x, y), (goal_x, goal_y), heading)
+    return Station(robot_id, str(file), wire, port, (x, y), robot.goal_m and (goal_x, goal_y), heading)
 
 
 def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:

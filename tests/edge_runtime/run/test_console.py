@@ -46,6 +46,8 @@ REPORT = RunReport(
     speed_limit_m_s=0.3,
     judgements=(Judgement(0, 9.9, 0.24, 0.25, 0.29, 0.3, {}),),
     robots=(RobotReport(1, 0.05, True, 0.24, 0.29), RobotReport(2, None, False, None, 0.0)),
+    goals=2,
+    goals_reached=1,
     failed=False,
     fleet=None,
     stop_reason="duration",
@@ -77,6 +79,10 @@ def test_where_nothing_real_moves_nothing_is_said_of_stopping():
 def test_every_fact_has_its_line():
     assert summary(REPORT, colour=False).startswith("robot 1, policy navigation (numpy), bridge sim\n")
     assert line(REPORT, "goals") == "1 of 2 reached: robot 1 0.050 m, robot 2 never seen"
+    robots = tuple(replace(robot, has_goal=False) for robot in REPORT.robots)
+    carried = replace(REPORT, robots=robots, goals=1, objects={"package": 0.3}, goals_reached=0)
+    assert line(carried, "goals") == "0 of 1 reached: package 0.300 m"
+    assert line(replace(carried, goals=0, objects={}), "goals") == "none, the team has no places to be at"
     assert line(REPORT, "separation") == "0.240 m at least, margin 0.25 m violated"
     assert line(REPORT, "speed") == "0.290 m/s at most, limit 0.3 m/s kept"
     assert line(REPORT, "rate") == "9.90 Hz of 10 Hz, 1 of 100 deadlines missed, 2 samples cut short"

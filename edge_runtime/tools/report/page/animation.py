@@ -46,6 +46,16 @@ class Load:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """A tracked object."""
+
+    position_m: Floats
+    """(T, 2); NaN where it was not seen."""
+    radius_m: float
+    goal_m: Vector2 | None
+
+
+@dataclass(frozen=True)
 class Scene:
     """One team over T equal periods."""
 
@@ -55,13 +65,14 @@ class Scene:
     """(T, N, 2); NaN where a robot was not seen."""
     velocity_m_s: Floats
     """(T, N, 2)"""
-    goals_m: Sequence[Vector2]
-    """One for each robot, or none."""
+    goals_m: Sequence[Vector2 | None]
+    """One for each robot, where it has one; or none at all."""
     radius_m: float
     speed_limit_m_s: float | None = None
     margin_m: float | None = None
     circles: Sequence[Circle] = ()
     load: Load | None = None
+    objects: Sequence[Moving] = ()
 
 
 def check_target(path: Path) -> None:
@@ -142,7 +153,10 @@ def _write_gif(frames: list[Any], path: Path, hold_ms: int) -> None:
 
 def _frame(panels: Sequence["_Panel"], scenes: Sequence[Scene]) -> None:
     """Show the same place at the same scale on all panels."""
-    seen = [points for scene in scenes for points in (scene.position_m, scene.goals_m)]
+    seen: list[Any] = [scene.position_m for scene in scenes]
+    seen += [goal_m for scene in scenes for goal_m in scene.goals_m if goal_m]
+    for each in (each for scene in scenes for each in scene.objects):
+        seen += [each.position_m, each.goal_m or []]
     seen += [
         points for scene in scenes if scene.load for points in (scene.load.beam_m, [scene.load.target_m])
     ]
@@ -185,14 +199,21 @@ class _Panel:
         (self._beam,) = axes.plot([], [], color="#5b6875", linewidth=2.0)
         self._package = disc((0, 0), scene.load.radius_m if scene.load else 0.0, facecolor="#b42318")
         axes.add_patch(self._package)
+        self._objects = [disc((0, 0), each.radius_m, facecolor="#b42318") for each in scene.objects]
+        for patch in self._objects:
+            axes.add_patch(patch)
         self._stand_still()
 
     def _stand_still(self) -> None:
         axes, scene = self.axes, self._scene
-        for robot, (x, y) in enumerate(scene.goals_m):
-            axes.plot(x, y, "x", color=SERIES[robot % len(SERIES)], markersize=7, markeredgewidth=2)
+        for robot, goal_m in enumerate(scene.goals_m):
+            axes.plot(
+                *(goal_m or ([], [])), "x", color=SERIES[robot % len(SERIES)], markersize=7, markeredgewidth=2
+            )
         for circle in scene.circles:
             axes.add_patch(disc(circle.centre_m, circle.radius_m, fill=False, edgecolor=OVER, linestyle="--"))
+        for each in scene.objects:
+            axes.plot(*(each.goal_m or ([], [])), "s", color="#2e7d32", markersize=9)
         if scene.load:
             axes.plot(*scene.load.target_m, "s", color="#2e7d32", markersize=9)
         axes.set_aspect("equal")
@@ -220,6 +241,8 @@ class _Panel:
             )
             body.set_edgecolor(SERIES[robot % len(SERIES)])
             body.set_linewidth(1.6)
+        for patch, each in zip(self._objects, scene.objects, strict=True):
+            patch.set(center=each.position_m[row])
         if scene.load:
             self._beam.set_data(*scene.load.beam_m[row].T)
             self._package.set(center=scene.load.package_m[row])

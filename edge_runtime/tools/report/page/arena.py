@@ -34,12 +34,12 @@ class Circle(msgspec.Struct, frozen=True):
 
 
 class Track(msgspec.Struct, frozen=True):
-    """Where one robot went."""
+    """Where one robot or tracked object went."""
 
     name: str
     position_m: Floats
     """(T, 2); NaN where it was not seen."""
-    goal_m: Place
+    goal_m: Place | None
     radius_m: float
 
 
@@ -65,6 +65,8 @@ def draw_places(
 ) -> None:
     """Draw what stands still, with axes to scale."""
     for index, track in enumerate(tracks):
+        if track.goal_m is None:
+            continue
         axes.plot(*track.goal_m[:2], "x", color=colour(index), markersize=6, markeredgewidth=1.6)
         if goal_tolerance_m:
             axes.add_patch(disc(track.goal_m[:2], goal_tolerance_m, fill=False, edgecolor=colour(index)))
