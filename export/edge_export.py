@@ -9,6 +9,7 @@ from edge_runtime.common.command_line import CommandParser, command
 from edge_runtime.common.flag_types import whole_number
 from edge_runtime.errors import ConfigError
 from edge_runtime.observation import ObservationField
+from edge_runtime.policy.bundle import load_bundle
 from edge_runtime.policy.manifest import Training
 from edge_runtime.policy.signature import LARGEST_VERSION
 from export.algorithms.derivatives import evaluate_torch
@@ -17,8 +18,9 @@ from export.bundle.facts import Facts, read_facts
 from export.bundle.facts_template import facts_template
 from export.bundle.parity import SAMPLES, random_inputs
 from export.bundle.signer import Signer
-from export.bundle.upgrade import upgrade_bundle
-from export.bundle.writer import bundle_draft, write_bundle
+from export.bundle.upgrade import replace_manifest, upgrade_bundle
+from export.bundle.writer import bundle_draft, write_bundle, write_manifest
+from export.evaluation.seen import read_calibration, roll_out, with_seen
 from export.onnx.graph import velocity_graph
 from export.onnx.importing import import_graph
 from export.onnx.jacobian import with_jacobian
@@ -35,7 +37,9 @@ examples:
   edge-export runs/nav --out policies/navigation
   edge-export --print-facts-template > facts.toml
   edge-export --from-onnx velocity.onnx --facts facts.toml --out policies/mine
+  edge-export --from-onnx velocity.onnx --facts facts.toml --calibration seen.npz --out policies/mine
   edge-export --upgrade policies/old
+  edge-export --seen policies/mine
   edge-export runs/nav --out policies/navigation --sign release.key
   edge-export --out policies/navigation --sign release.key      a bundle that is there already
 
@@ -66,7 +70,29 @@ def export_run(run_dir: Path, target: Path, *, force: bool = False) -> float:
     inputs = random_inputs(facts)
     expected = evaluate_torch(network, inputs)
     with bundle_draft(target, force=force) as draft:
-        return write_bundle(draft, facts, graph, weights, inputs, expected)
+        difference = write_bundle(draft, facts, graph, weights, inputs, expected)
+        bundle = load_bundle(draft)
+        write_manifest(draft, with_seen(bundle.manifest, roll_out(bundle)))
+        load_bundle(draft)
+    return difference
+
+
+def tell_seen(directory: Path, calibration: Path | None) -> str:
+    """Write into a bundle what its policy saw in training, and return a line that says so.
+
+    Args:
+        directory: the bundle's.
+        calibration: a file of observations; the policy is rolled out in its training's task where None.
+
+    Raises:
+        BundleError: if it is no bundle that loads.
+        ConfigError: if the policy was not trained here and there is no file, or the file does not fit.
+    """
+    bundle = load_bundle(directory)
+    size = bundle.manifest.observation_dim
+    extremes = roll_out(bundle) if calibration is None else read_calibration(calibration, size)
+    replace_manifest(bundle, with_seen(bundle.manifest, extremes))
+    return f"{directory}: what the policy saw is written into its manifest"
 
 
 @command("edge-export")
@@ -81,6 +107,8 @@ def _run(arguments: argparse.Namespace) -> str:
         return facts_template()
     if arguments.upgrade is not None:
         return upgrade_bundle(arguments.upgrade, _scenario_fields)
+    if arguments.seen is not None:
+        return tell_seen(arguments.seen, arguments.calibration)
     if arguments.out is None:
         raise ConfigError("--out DIR is missing: the directory of the bundle to write")
     if arguments.bundle_version is not None and arguments.sign is None:
@@ -103,12 +131,19 @@ def _export(arguments: argparse.Namespace) -> str:
         if arguments.facts is None:
             raise ConfigError("--from-onnx needs --facts FILE; --print-facts-template prints an example")
         facts = read_facts(arguments.facts)
+        if arguments.calibration is not None:
+            facts = with_seen(facts, read_calibration(arguments.calibration, facts.observation_dim))
         imported = import_graph(arguments.from_onnx, facts, arguments.out, force=arguments.force)
         difference, how = imported.difference, imported.how
+    told = ""
+    if arguments.from_onnx is not None and arguments.calibration is None:
+        told = (
+            "\nwhat it saw in training is not known: robots cannot tell what is new to it; see --calibration"
+        )
     return (
         f"{arguments.out}: bundle written, the robot computes it with {how}\n"
         f"largest difference between the source, policy.onnx and the runtime: {difference:.1e} "
-        f"over {SAMPLES} random inputs"
+        f"over {SAMPLES} random inputs{told}"
     )
 
 
@@ -147,6 +182,18 @@ def make_parser() -> CommandParser:
     )
     parser.add_argument(
         "--upgrade", type=Path, metavar="DIR", help="write this bundle's manifest anew, in today's format"
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help=".npz with an array `observation` (n, O), what the policy saw; for --from-onnx and --seen",
+    )
+    parser.add_argument(
+        "--seen",
+        type=Path,
+        metavar="DIR",
+        help="write into this bundle what its policy saw, by rolling it out in its training's task",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing bundle")
     parser.add_argument("--sign", type=Path, metavar="KEY", help="sign the bundle with this private key")

@@ -1,14 +1,17 @@
 """What earlier versions left behind is still read: see CHANGELOG.md, "Compatibility"."""
 
+import hashlib
 import re
 from importlib import metadata
 
 import pytest
+from msgspec.structs import replace
 from paths import ROOT, SUPPORT
 
 from edge_runtime import __version__
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.policy.bundle import packaged_bundle
+from edge_runtime.policy.manifest_file import read_manifest
 from edge_runtime.recording.reader import read_log
 from edge_runtime.tools.replay.edge_replay import main
 
@@ -23,9 +26,15 @@ def test_a_log_of_an_earlier_version_replays(capsys):
 
 
 def test_the_bundle_of_an_earlier_version_loads():
-    """It is packaged to this day; a bundle that goes stays among the artefacts."""
+    """Its policy is packaged to this day; one that goes stays among the artefacts, as its manifests do."""
     recorded = next(iter(read_log(LOG))).bundle
-    assert packaged_bundle(recorded.name).sha256 == recorded.sha256
+    assert packaged_bundle(recorded.name).stands_for(recorded.sha256)
+    encoded = (FIRST / "manifest.json").read_bytes()
+    assert hashlib.sha256(encoded).hexdigest() == recorded.sha256
+    manifest = read_manifest(encoded, FIRST / "manifest.json")
+    now = packaged_bundle(recorded.name).manifest
+    known = [replace(field, seen=None) for field in now.observation]
+    assert replace(now, observation=tuple(known), supersedes=()) == manifest
 
 
 def test_a_fleet_file_of_an_earlier_version_means_the_same():

@@ -40,6 +40,10 @@ class Bundle:
     sha256: str = ""
     """Of its manifest.json, which holds the digests of its other files."""
 
+    def stands_for(self, sha256: str) -> bool:
+        """Whether it is the bundle of this manifest, or the same policy under a later one."""
+        return sha256 == self.sha256 or sha256 in self.manifest.supersedes
+
     def policy(self, batch: int = 1, euler_steps: int | None = None) -> FlowPolicy | OnnxPolicy:
         """Prepare the reference for ``batch`` observations at once: what parity is judged by.
 

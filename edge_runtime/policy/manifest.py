@@ -122,3 +122,5 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """SHA-256 of each other file of the bundle, in hexadecimal."""
     start: FlowStart = "noise"
     """What its flow starts from."""
+    supersedes: tuple[str, ...] = ()
+    """SHA-256 of earlier manifests of the same policy: logs made with those replay with this one."""

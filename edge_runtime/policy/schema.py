@@ -184,6 +184,9 @@ def _check_training(rules: _Rules, training: Training | None) -> None:
 
 
 def _check_files(rules: _Rules, manifest: Manifest) -> None:
+    for index, digest in enumerate(manifest.supersedes):
+        fits = _SHA256.fullmatch(digest) is not None
+        rules.require(fits, f"supersedes[{index}]", digest, "a SHA-256 of 64 hexadecimal digits")
     wanted = bundle_files(manifest.runtime)
     fits = sorted(manifest.files) == sorted(wanted)
     rules.require(fits, "files", sorted(manifest.files), f"{', '.join(wanted)} for {manifest.runtime!r}")

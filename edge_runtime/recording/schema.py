@@ -79,7 +79,7 @@ class ObjectPlace(msgspec.Struct, frozen=True):
 
     name: str
     """By which each tick's state tells of it."""
-    goal_m: Vector2 | None
+    goal_m: Place | None
     """Where it is to go, if anywhere."""
     radius_m: float
     """Of the disc by which it is drawn."""

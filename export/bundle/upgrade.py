@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
 from edge_runtime.observation import ObservationField
-from edge_runtime.policy.bundle import LARGEST_MANIFEST, MANIFEST_FILE, load_bundle
+from edge_runtime.policy.bundle import LARGEST_MANIFEST, MANIFEST_FILE, Bundle, load_bundle
 from edge_runtime.policy.manifest import BUNDLE_FORMAT, Manifest, Training
 from export.bundle.writer import bundle_draft, write_manifest
 
@@ -31,13 +31,23 @@ def upgrade_bundle(directory: Path, fields_of: Callable[[Training], tuple[Observ
     bundle = load_bundle(directory)
     if BUNDLE_FORMAT.encode() in read_regular(directory / MANIFEST_FILE, LARGEST_MANIFEST):
         raise ConfigError(f"{directory}: is of format {BUNDLE_FORMAT} already")
-    manifest = _with_sources(bundle.manifest, fields_of)
+    replace_manifest(bundle, _with_sources(bundle.manifest, fields_of))
+    return f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same"
+
+
+def replace_manifest(bundle: Bundle, manifest: Manifest) -> None:
+    """Give a bundle a manifest that supersedes its own; what does not load is not written.
+
+    Raises:
+        BundleError: if no robot could run it.
+        ConfigError: if it cannot be written.
+    """
+    directory, earlier = bundle.directory, (*bundle.manifest.supersedes, bundle.sha256)
     with bundle_draft(directory, force=True) as draft:
         for file in manifest.files:
             shutil.copyfile(directory / file, draft / file)
-        write_manifest(draft, manifest)
+        write_manifest(draft, replace(manifest, supersedes=earlier))
         load_bundle(draft)
-    return f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same"
 
 
 def _with_sources(

@@ -143,7 +143,7 @@ def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own:
             bundle = asked or _recorded_bundle(record, path)
             replay = Replay(record, bundle, *recorded_policy(record, bundle), own.sources)
             result.replay = replay
-            if instead is not None or bundle.sha256 != record.bundle.sha256:
+            if instead is not None or not bundle.stands_for(record.bundle.sha256):
                 result.answer = Answer(record)
             if instead is not None:
                 replay.follow(instead)
@@ -176,7 +176,7 @@ def _recorded_bundle(start: Start, path: Path) -> Bundle:
             bundle = load_bundle(directory)
         except BundleError:
             continue
-        if bundle.sha256 == wanted.sha256:
+        if bundle.stands_for(wanted.sha256):
             return bundle
     raise ConfigError(
         f"{path}: was made with policy {wanted.name!r}, manifest SHA-256 {wanted.sha256[:12]}..., which is "

@@ -14,6 +14,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from edge_runtime.common.own_code import own_name
 from edge_runtime.common.processor import processor
@@ -94,6 +95,7 @@ class Replay:
             own=own,
             path=str(bundle.directory / MANIFEST_FILE),
         )
+        self._other_ranges = start.bundle.sha256 in bundle.manifest.supersedes
         self._familiarity = Familiarity(bundle.manifest.observation)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
@@ -110,6 +112,8 @@ class Replay:
         field = self._familiarity.strangest(values)
         if field:
             self.unfamiliar[field] += 1
+        if self._other_ranges:  # an earlier manifest of the policy judged by other ones, or by none
+            return replace(tick.observation, values=tuple(values.tolist()))
         return Observation(tuple(values.tolist()), field, tick.observation.unfamiliar_s if field else 0.0)
 
     def act(self, tick: Tick, observation: Observation) -> GuidedAction:

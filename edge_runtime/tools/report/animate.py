@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.messages import Place, Vector2
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.wire import LogReport
 from edge_runtime.tools.report.digest import RunDigest, digest
@@ -57,10 +58,17 @@ def scene_of(run: RunDigest) -> Scene:
         period_s=(run.time_s[-1] - run.time_s[0]) / max(1, len(run.time_s) - 1) or 1.0,
         position_m=motion[..., :2],
         velocity_m_s=motion[..., 2:],
-        goals_m=[(place.goal_m[0], place.goal_m[1]) for place in places],
+        goals_m=[_in_plane(place.goal_m) for place in places],
         radius_m=run.start.bundle.radius_m,
         speed_limit_m_s=min((limit.value for limit in speeds), default=None),
         margin_m=max((limit.value for limit in margins), default=None),
         circles=fences(team),
-        objects=[Moving(one.position_m, one.place.radius_m, one.place.goal_m) for one in team.objects],
+        objects=[
+            Moving(one.position_m, one.place.radius_m, _in_plane(one.place.goal_m)) for one in team.objects
+        ],
     )
+
+
+def _in_plane(place: Place | None) -> Vector2 | None:
+    """A place as it is seen from above."""
+    return (place[0], place[1]) if place else None

@@ -167,7 +167,9 @@ def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, networ
     heading = math.atan2(goal_y - y, goal_x - x)
     number, port = network.wires[robot_id], network.ports[robot_id]
     wire = multicast_bus(number) if bridge == "can" else str(number)
-    return Station(robot_id, str(file), wire, port, (x, y), robot.goal_m and (goal_x, goal_y), heading)
+    return Station(
+        robot_id, str(file), wire, port, (x, y), (goal_x, goal_y) if robot.goal_m else None, heading
+    )
 
 
 def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:
