@@ -70,6 +70,8 @@ class Client(Protocol):
 
     name: str
     """Full name of this node."""
+    settling_s: float
+    """How long others may still be discovered after the robot was; 0 where somebody knows all of them."""
     where: str
     """Where it looks for others, for whoever reads why it found none."""
 

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
+from edge_runtime.common.printable import first_line
 from edge_runtime.errors import BridgeError
 
 
@@ -35,11 +36,10 @@ def _said(name: str, folders: Sequence[str], error: Exception) -> str:
     places = (
         f"neither this Python's packages nor {', '.join(folders)}" if folders else "this Python's packages"
     )
-    cause = " ".join(str(error).split())
     if isinstance(error, ModuleNotFoundError) and error.name == name:
         have = "have it" if folders else "do not have it"
         return f"{name} is not installed: {places} {have}; install ROS, or pass --ros-path DIR"
     return (
-        f"{name} does not load ({cause}): source your ROS's setup.bash first, with Python "
+        f"{name} does not load ({first_line(error)}): source your ROS's setup.bash first, with Python "
         f"{sys.version_info.major}.{sys.version_info.minor}, and check --ros-path"
     )

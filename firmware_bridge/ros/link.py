@@ -171,15 +171,17 @@ class RosLink:
             yield self._profile.period_s
 
     def _find(self) -> Graph:
-        """Ask for the graph until the robot is in it."""
-        end_s = time.monotonic() + OPENING_S
+        """Ask for the graph until the robot is in it, and so long after that nobody new will be."""
+        now_s = time.monotonic()
+        end_s, settled_s = now_s + OPENING_S, math.inf
         while True:
             graph = self._client.graph()
             check_graph(graph, self._profile, self._client.name)
-            found = missing(graph, self._profile)
-            if not found:
+            found, now_s = missing(graph, self._profile), time.monotonic()
+            settled_s = math.inf if found else min(settled_s, now_s + self._client.settling_s)
+            if now_s >= settled_s:
                 return graph
-            if time.monotonic() >= end_s:
+            if found and now_s >= end_s:
                 raise BridgeError(lost(found, graph, self._profile, self._client.where))
             time.sleep(ASK_AGAIN_S)
 

@@ -29,6 +29,8 @@ FLUSH_S: Final = 0.05
 class Ros1Client:
     """Implements ``Client``; a process has one, as rospy has it."""
 
+    settling_s = 0.0
+
     def __init__(
         self, profile: RosProfile, robot_id: int, folders: tuple[str, ...], put: Callable[[Item], None]
     ) -> None:
@@ -137,12 +139,12 @@ class Ros1Client:
         """Tell several times a second who is there; the first thing that goes wrong is told last."""
         try:
             while not self._closing.wait(WATCH_S):
-                if self._rospy.is_shutdown():
-                    raise BridgeError(f"another node took the name {self.name}")
                 graph = self.graph()
                 rivals = graph.topic(self._profile.command).publishers
                 tellers = graph.topic(self._profile.odometry).publishers
                 listeners = self._commands.get_num_connections() if self._commands else 0
+                if self._rospy.is_shutdown():
+                    raise BridgeError(f"another node took the name {self.name}")
                 self._put(Sight(listeners, rivals, len(tellers)))
         except BridgeError as error:
             self._put(Trouble(str(error)))

@@ -30,12 +30,16 @@ WATCH_S: Final = 0.25
 ANSWER_S: Final = 3.0
 """For the controller to tell its timeout."""
 ASK_AGAIN_S: Final = 0.01
+NAMING_S: Final = 1.0
+UNNAMED: Final = "a node without a name"
 _WHOLE, _REAL = 2, 3
 """Of rcl_interfaces/ParameterType."""
 
 
 class Ros2Client:
     """Implements ``Client``."""
+
+    settling_s = 2.0
 
     def __init__(
         self,
@@ -80,7 +84,15 @@ class Ros2Client:
         self._thread.start()
 
     def graph(self) -> Graph:
-        """Return what has been discovered so far."""
+        """Return what has been discovered so far; a rival is discovered a little before its name."""
+        end_s = time.monotonic() + NAMING_S
+        while UNNAMED in (graph := self._discovered()).topic(self._profile.command).publishers:
+            if time.monotonic() > end_s:
+                break
+            time.sleep(ASK_AGAIN_S)
+        return graph
+
+    def _discovered(self) -> Graph:
         with self._told():
             topics = {
                 name: Topic(
@@ -230,7 +242,7 @@ class Ros2Client:
 
 
 def _full(name: str, namespace: str) -> str:
-    return f"{namespace.rstrip('/')}/{name}"
+    return UNNAMED if name == "_NODE_NAME_UNKNOWN_" else f"{namespace.rstrip('/')}/{name}"
 
 
 def make_client(

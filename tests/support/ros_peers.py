@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import tomli_w
 from ports import free_port
 from waiting import HANG_S, until
 
@@ -29,6 +30,7 @@ BUILD = Path(__file__).parents[2] / "build" / "ros"
 DEBIAN = "/usr/lib/python3/dist-packages"
 SPEED_M_S = 0.5
 NAMESPACE = "/a200_0000"
+_claims: list[socket.socket] = []
 
 needs_ros1 = pytest.mark.skipif(not Path(DEBIAN, "rospy").is_dir(), reason="`make ros` installs rospy")
 HAVE_ROS2 = [name for name in ("kilted", "jazzy") if (BUILD / name / "bin" / "python").exists()]
@@ -65,6 +67,8 @@ class Peer:
 
     def __init__(self, command: list[str], config: dict[str, object]) -> None:
         self.commands: list[dict[str, object]] = []
+        self.timeouts: list[dict[str, object]] = []
+        """Each time that its controller stopped by itself."""
         self._answers: list[dict[str, object]] = []
         self._log = []
         self.process = subprocess.Popen(
@@ -113,7 +117,8 @@ class Peer:
             except ValueError:
                 self._log.append(line)
                 continue
-            (self.commands if "command" in words else self._answers).append(words)
+            kinds = {"command": self.commands, "timed_out": self.timeouts}
+            kinds.get(next(iter(words)), self._answers).append(words)
 
 
 class Ros:
@@ -164,6 +169,13 @@ class Ros:
             f"ros{self.kind}", 0, deadline_s, SetpointLimits(1.0, (-1.0, -1.0), (1.0, 1.0)), options, arm=True
         )
 
+    def profile_with(self, folder: Path, **changes: object) -> str:
+        """A copy of the packaged profile; what is stale is so much later than a busy machine makes it."""
+        table = msgspec.toml.decode(profile_path(self.profile).read_bytes())
+        path = folder / "changed.toml"
+        path.write_text(tomli_w.dumps({"stale_s": 5.0, "recoveries": 0, **table, **changes}))
+        return str(path)
+
 
 def drive(bridge: GuardedBridge, enough, sequence: int = 0, period_s: float = 0.02) -> int:
     """Command straight on until enough has happened; returns the next command's number."""
@@ -208,8 +220,18 @@ def _answers(host: str, port: int) -> bool:
     return False
 
 
+def _free_domain() -> int:
+    """One that this process alone has taken: by a name that the kernel gives only once."""
+    while True:
+        number, claim = random.SystemRandom().randrange(1, 100), socket.socket(socket.AF_UNIX)
+        with contextlib.suppress(OSError):
+            claim.bind(f"\0a ROS domain for a test: {number}")
+            _claims.append(claim)
+            return number
+
+
 def domain(monkeypatch) -> None:
     """A ROS 2 domain that no other test uses, on the loopback alone."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(random.SystemRandom().randrange(1, 100)))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(_free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("LD_LIBRARY_PATH", libraries("kilted"))

@@ -33,6 +33,7 @@ class FakeClient:
 
     name = "/a200_0000/cfpg_edge_0"
     where = "domain 7"
+    settling_s = 0.0
 
     def __init__(self, inbox) -> None:
         self.inbox, self.graphs, self.arriving = inbox, [Graph(WHOLE)], []
@@ -231,6 +232,21 @@ def test_the_robot_may_be_discovered_late(rig):
     rig.client.graphs = [Graph(), Graph({COMMAND: WHOLE[COMMAND]}), Graph(WHOLE)]
     rig.open()
     assert rig.client.log[-1] == "listen"
+
+
+def test_others_may_be_discovered_after_the_robot(rig):
+    rig.client.settling_s = 2.0
+    rig.client.graphs = [*[Graph(WHOLE)] * 5, Graph(WHOLE, (FakeClient.name,))]
+    with pytest.raises(BridgeError, match="is there already"):
+        rig.open()
+    assert "advertise" not in rig.client.log
+
+
+def test_and_it_is_driven_once_nobody_was(rig):
+    rig.client.settling_s = 2.0
+    rig.client.graphs = [Graph(WHOLE), Graph(), Graph(WHOLE)]
+    rig.open()
+    assert 52.1 < rig.now < 52.6
 
 
 def changed(name, **changes):

@@ -53,8 +53,8 @@ class Peer:
         self.subscriber.unregister()
 
     def rival(self, topic):
-        self.rivals.append(rospy.Publisher(topic, self.kind, queue_size=1))
-        self.rivals[-1].publish(self.kind())
+        rival = rospy.Publisher(topic, self.kind, queue_size=1)
+        self.rivals.append(rospy.Timer(rospy.Duration(1.0), lambda _: rival.publish(self.kind())))
 
     def close(self):
         rospy.signal_shutdown("closed")

@@ -1,5 +1,8 @@
 """A robot's ROS node as a test directs it: words come in on stdin, what it hears goes out on stdout, in JSON.
 
+It stands still when its controller's timeout passes without a command, and says so.
+
+
 ``PEER CONFIG`` with CONFIG in JSON: names of topics, message kind, node. A library's peer is a class with
 ``publish_odometry(x, y, heading, forward, stamp_s, frame)``, ``publish_stop(pressed)``, ``command(...)``.
 """
@@ -21,6 +24,7 @@ class Stage:
         self.x, self.speed, self.heard = 0.0, 0.0, 0
         self.odometry, self.frame, self.stamp_s, self.y = True, config.get("frame", "base_link"), None, 0.0
         self.late_s = 0.0
+        self.last, self.timeout_s = None, config.get("timeout")
         self._lock = threading.Lock()
 
     def say(self, **words):
@@ -30,7 +34,7 @@ class Stage:
 
     def hear(self, forward, lateral, yaw, stamp_s=0.0):
         """From the library's thread: one command has arrived."""
-        self.speed = forward
+        self.speed, self.last = forward, time.monotonic()
         self.say(command=[forward, lateral, yaw], at=time.monotonic(), stamp=stamp_s)
 
     def run(self, peer):
@@ -49,6 +53,9 @@ class Stage:
                 self.obey(peer, word, arguments)
                 due -= PERIOD_S
                 continue
+            if self.last and self.timeout_s and time.monotonic() > self.last + self.timeout_s:
+                self.say(timed_out=time.monotonic() - self.last, speed=self.speed)
+                self.speed, self.last = 0.0, None
             self.x += self.speed * PERIOD_S
             if self.odometry:
                 stamp = time.time() - self.late_s if self.stamp_s is None else self.stamp_s
