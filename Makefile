@@ -9,6 +9,7 @@ ARM := build/aarch64
 PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink \
 	tests/firmware_bridge/ros
+ROS_COVERAGE := tests/support/ros/coverage.ini
 ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
 	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
 	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) \
@@ -27,7 +28,7 @@ run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objec
 
 test: lint types unit  ## Is it correct? Minutes, and right on a busy machine too
 
-check: test integration coverage oldest aarch64 sil budgets  ## Everything that CI checks
+check: test integration ros coverage oldest aarch64 sil budgets  ## Everything that CI checks
 
 lint: $(DEV)/ready
 	$(DEV)/bin/ruff check .
@@ -41,6 +42,14 @@ unit: $(DEV)/ready
 
 integration: $(DEV)/ready socketcan chromium peers  ## Against a kernel, a browser, other people's code; teams
 	$(DEV)/bin/python -m pytest -m integration
+
+ros: $(DEV)/ready  ## Robots of ROS 1 and ROS 2 by other people's libraries, each line of the link run
+	@PYTHON=$(DEV)/bin/python sh tests/support/ros/install.sh build/ros
+	@if [ -e build/ros/node/installed.json ]; then rm -f build/ros/coverage* && \
+	    sh tests/support/ros/alone.sh $(DEV)/bin/python -m coverage run --rcfile=$(ROS_COVERAGE) \
+	    -m pytest -n 4 --dist worksteal -m "integration or not integration" tests/firmware_bridge/ros && \
+	    $(DEV)/bin/python -m coverage combine -q --rcfile=$(ROS_COVERAGE) && \
+	    $(DEV)/bin/python -m coverage report --rcfile=$(ROS_COVERAGE); fi
 
 coverage: $(DEV)/ready  ## Every line and branch of the guard, both codecs and the ROS link is run by their own tests
 	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)

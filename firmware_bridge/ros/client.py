@@ -1,6 +1,6 @@
 """What the link asks of a client library, ROS 1's or ROS 2's, and the records that its threads hand over."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import msgspec
 
@@ -60,6 +60,13 @@ class Trouble(msgspec.Struct, frozen=True):
 
 
 Item = Odometry | Sight | Pressed | Taken | Trouble
+
+
+def fill(message: Any, motion: BaseMotion) -> None:  # noqa: ANN401  # of either ROS
+    """Put a motion into a Twist, or into a TwistStamped's."""
+    twist = getattr(message, "twist", message)
+    twist.linear.x, twist.linear.y = motion.forward_m_s, motion.lateral_m_s
+    twist.angular.z = motion.yaw_rad_s
 
 
 class Client(Protocol):

@@ -1,4 +1,4 @@
-"""A node of ROS 1 by rospy; messages leave by its own threads, which keep at most the newest one waiting."""
+"""A node of ROS 1 by rospy; messages leave by its own threads."""
 
 import contextlib
 import os
@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from edge_runtime.common.printable import first_line
 from edge_runtime.errors import BridgeError
 from firmware_bridge.kinematics.base import BaseMotion
-from firmware_bridge.ros.client import Graph, Item, Pressed, Sight, Taken, Topic, Trouble
+from firmware_bridge.ros.client import Graph, Item, Pressed, Sight, Taken, Topic, Trouble, fill
 from firmware_bridge.ros.installed import load
 from firmware_bridge.ros.odometry import odometry_from
 from firmware_bridge.ros.profile import RosProfile
@@ -22,6 +22,7 @@ MODULES: Final = ("rospy", "rosgraph", "geometry_msgs.msg", "nav_msgs.msg", "std
 WATCH_S: Final = 0.25
 ANSWER_S: Final = 1.0
 """For a node that is asked whether it still lives."""
+WAITING: Final = 8
 FLUSH_S: Final = 0.05
 """For the last message to leave."""
 
@@ -81,10 +82,10 @@ class Ros1Client:
         return ()
 
     def advertise(self) -> None:
-        """One message may wait for a slow network: the next takes its place, none blocks the guard."""
+        """A few messages may wait for rospy's thread to send them; none makes the guard wait."""
         command = self._profile.command
         with self._told():
-            self._commands = self._rospy.Publisher(command, self._kind, queue_size=1, tcp_nodelay=True)
+            self._commands = self._rospy.Publisher(command, self._kind, queue_size=WAITING, tcp_nodelay=True)
 
     def listen(self) -> None:
         """Subscribe, and watch."""
@@ -100,13 +101,10 @@ class Ros1Client:
     def compose(self, motion: BaseMotion, stamp_s: float) -> object:
         """Make a Twist or TwistStamped."""
         message = self._kind()
-        twist = message
+        fill(message, motion)
         if self._profile.message == "TwistStamped":
-            twist = message.twist
             message.header.frame_id = "base_link"
             message.header.stamp = self._rospy.Time.from_sec(stamp_s)
-        twist.linear.x, twist.linear.y = motion.forward_m_s, motion.lateral_m_s
-        twist.angular.z = motion.yaw_rad_s
         return message
 
     def publish(self, message: object) -> None:

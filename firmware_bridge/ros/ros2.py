@@ -11,7 +11,7 @@ from typing import Any, Final
 from edge_runtime.common.printable import first_line
 from edge_runtime.errors import BridgeError
 from firmware_bridge.kinematics.base import BaseMotion
-from firmware_bridge.ros.client import Graph, Item, Pressed, Sight, Taken, Topic, Trouble
+from firmware_bridge.ros.client import Graph, Item, Pressed, Sight, Taken, Topic, Trouble, fill
 from firmware_bridge.ros.installed import load
 from firmware_bridge.ros.odometry import odometry_from
 from firmware_bridge.ros.profile import RosProfile
@@ -85,10 +85,8 @@ class Ros2Client:
 
     def graph(self) -> Graph:
         """Return what has been discovered so far; a rival is discovered a little before its name."""
-        end_s = time.monotonic() + NAMING_S
-        while UNNAMED in (graph := self._discovered()).topic(self._profile.command).publishers:
-            if time.monotonic() > end_s:
-                break
+        end_s, command = time.monotonic() + NAMING_S, self._profile.command
+        while UNNAMED in (graph := self._discovered()).topic(command).publishers and time.monotonic() < end_s:
             time.sleep(ASK_AGAIN_S)
         return graph
 
@@ -103,9 +101,7 @@ class Ros2Client:
                 for name, types in self._node.get_topic_names_and_types()
             }
             nodes = [_full(name, space) for name, space in self._node.get_node_names_and_namespaces()]
-        if self.name in nodes:
-            nodes.remove(self.name)
-        return Graph(topics, tuple(nodes))
+        return Graph(topics, self._but_ours(nodes))
 
     def parameter(self, name: str) -> float | None:
         """Ask the controller's node."""
@@ -131,20 +127,14 @@ class Ros2Client:
         profile, node = self._profile, self._node
         stop = [profile.emergency_stop] if profile.emergency_stop else []
         with self._told():
-            pairs = [
-                (profile.command, self._quality(True), end.qos_profile)
-                for end in node.get_subscriptions_info_by_topic(profile.command)
-            ] + [
-                (topic, end.qos_profile, self._quality(False))
-                for topic in (profile.odometry, *profile.operators, *stop)
-                for end in node.get_publishers_info_by_topic(topic)
-            ]
+            hearers = node.get_subscriptions_info_by_topic(profile.command)
+            pairs = [(profile.command, self._quality(True), self._known(hearer)) for hearer in hearers]
+            for topic in (profile.odometry, *profile.operators, *stop):
+                speakers = node.get_publishers_info_by_topic(topic)
+                pairs += [(topic, self._known(speaker), self._quality(False)) for speaker in speakers]
             judged = [(topic, *self._qos.qos_check_compatible(offer, wish)) for topic, offer, wish in pairs]
-        return tuple(
-            f"{topic}: {why.strip()}"
-            for topic, fits, why in judged
-            if fits == self._qos.QoSCompatibility.ERROR
-        )
+        error = self._qos.QoSCompatibility.ERROR
+        return tuple(f"{topic}: {why.strip(' ;')}" for topic, fits, why in judged if fits == error)
 
     def advertise(self) -> None:
         """Reliably, the newest message alone."""
@@ -167,14 +157,11 @@ class Ros2Client:
     def compose(self, motion: BaseMotion, stamp_s: float) -> object:
         """Make a Twist or TwistStamped."""
         message = self._kind()
-        twist = message
+        fill(message, motion)
         if self._profile.message == "TwistStamped":
-            twist = message.twist
-            message.header.frame_id = "base_link"
             whole_s, rest_s = divmod(stamp_s, 1.0)
+            message.header.frame_id = "base_link"
             message.header.stamp.sec, message.header.stamp.nanosec = int(whole_s), int(rest_s * 1e9)
-        twist.linear.x, twist.linear.y = motion.forward_m_s, motion.lateral_m_s
-        twist.angular.z = motion.yaw_rad_s
         return message
 
     def publish(self, message: object) -> None:
@@ -196,6 +183,11 @@ class Ros2Client:
         """Of the newest message alone; best effort matches any publisher."""
         policy = self._qos.ReliabilityPolicy
         return self._qos.QoSProfile(depth=1, reliability=policy.RELIABLE if reliable else policy.BEST_EFFORT)
+
+    def _known(self, endpoint: Any) -> Any:  # noqa: ANN401  # rclpy's TopicEndpointInfo and QoSProfile
+        """Of another's quality of service, what discovery tells truly: durations it does not."""
+        told = endpoint.qos_profile
+        return self._qos.QoSProfile(depth=1, reliability=told.reliability, durability=told.durability)
 
     def _subscribe(self, kind: object, topic: str, hear: Callable[[Any], None]) -> None:
         self._node.create_subscription(kind, topic, hear, self._quality(False))
@@ -226,8 +218,10 @@ class Ros2Client:
         self._put(Sight(listeners, rivals, len(tellers)))
 
     def _others(self, endpoints: list[Any]) -> tuple[str, ...]:
-        """Whose endpoints these are, one of ours left out."""
-        names = [_full(endpoint.node_name, endpoint.node_namespace) for endpoint in endpoints]
+        """Whose endpoints these are, ours left out."""
+        return self._but_ours([_full(one.node_name, one.node_namespace) for one in endpoints])
+
+    def _but_ours(self, names: list[str]) -> tuple[str, ...]:
         if self.name in names:
             names.remove(self.name)
         return tuple(names)

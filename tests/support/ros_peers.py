@@ -23,7 +23,7 @@ from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.guard.wire import Phase
 from firmware_bridge.ros.link import RosOptions
-from firmware_bridge.ros.profile import profile_path
+from firmware_bridge.ros.profile import load_profile, profile_path
 
 SUPPORT = Path(__file__).parent / "ros"
 BUILD = Path(__file__).parents[2] / "build" / "ros"
@@ -124,8 +124,10 @@ class Peer:
 class Ros:
     """One ROS as a test needs it: who the peers are, what a guard is started with."""
 
-    def __init__(self, kind: int, library: str) -> None:
+    def __init__(self, kind: int, library: str, profile: str = "") -> None:
         self.kind, self.library = kind, library
+        self.profile = profile or ("husky_noetic" if kind == 1 else "clearpath_jazzy")
+        self.message = load_profile(profile_path(self.profile)).message
 
     def peer(self, **changes: object) -> Peer:
         stem = {"kilted": "rclpy", "jazzy": "rclpy"}.get(self.library, self.library)
@@ -139,8 +141,9 @@ class Ros:
         if self.kind == 1:
             controller = "/husky_velocity_controller"
             return {
-                "node": "robot", "message": "Twist", "command": "/cmd_vel", "odometry": f"{controller}/odom",
-                "stop": "/e_stop", "parameter": f"{controller}/cmd_vel_timeout", "timeout": 0.25,
+                "node": "robot", "message": self.message, "command": "/cmd_vel",
+                "odometry": f"{controller}/odom", "stop": "/e_stop",
+                "parameter": f"{controller}/cmd_vel_timeout", "timeout": 0.25,
             }  # fmt: skip
         controller = f"{NAMESPACE}/platform_velocity_controller"
         return {
@@ -148,14 +151,6 @@ class Ros:
             "odometry": f"{NAMESPACE}/platform/odom", "stop": f"{NAMESPACE}/platform/emergency_stop",
             "parameter": f"{controller}/cmd_vel_timeout", "timeout": 0.5,
         }  # fmt: skip
-
-    @property
-    def message(self) -> str:
-        return "Twist" if self.kind == 1 else "TwistStamped"
-
-    @property
-    def profile(self) -> str:
-        return "husky_noetic" if self.kind == 1 else "clearpath_jazzy"
 
     def options(self, **changes: object) -> RosOptions:
         path = (DEBIAN,) if self.kind == 1 else (str(site_packages("kilted")),)

@@ -4,6 +4,7 @@ import math
 
 import msgspec
 import pytest
+from ros_fakes import COMMAND, ODOMETRY, PROFILE, STOP, TWIST, WHOLE, FakeClient
 
 import firmware_bridge.ros.link as link_module
 from edge_runtime.errors import BridgeError, ConfigError
@@ -17,59 +18,6 @@ from firmware_bridge.ros.odometry import Odometer, Odometry, Origin
 from firmware_bridge.ros.profile import load_profile, profile_path
 from firmware_bridge.ros.ros1 import Ros1Client
 from firmware_bridge.ros.ros2 import Ros2Client
-
-PROFILE = load_profile(profile_path("clearpath_jazzy")).under("/a200_0000")
-COMMAND, ODOMETRY, STOP = PROFILE.command, PROFILE.odometry, PROFILE.emergency_stop
-TWIST = "geometry_msgs/TwistStamped"
-WHOLE = {
-    COMMAND: Topic((TWIST,), (), ("/twist_mux",)),
-    ODOMETRY: Topic(("nav_msgs/Odometry",), ("/controller",)),
-    STOP: Topic(("std_msgs/Bool",), ("/mcu",)),
-}
-
-
-class FakeClient:
-    """A node whose neighbours are what the test says."""
-
-    name = "/a200_0000/cfpg_edge_0"
-    where = "domain 7"
-    settling_s = 0.0
-
-    def __init__(self, inbox) -> None:
-        self.inbox, self.graphs, self.arriving = inbox, [Graph(WHOLE)], []
-        self.published: list[tuple[BaseMotion, float]] = []
-        self.log: list[str] = []
-        self.timeout: float | None = 0.5
-
-    def connect(self):
-        self.log.append("connect")
-
-    def graph(self):
-        return self.graphs.pop(0) if len(self.graphs) > 1 else self.graphs[0]
-
-    def parameter(self, name):
-        self.log.append(name)
-        return self.timeout
-
-    def unheard(self):
-        return ()
-
-    def advertise(self):
-        self.log.append("advertise")
-
-    def listen(self):
-        self.log.append("listen")
-        for item in self.arriving:
-            self.inbox.put(item)
-
-    def compose(self, motion, stamp_s):
-        return motion, stamp_s
-
-    def publish(self, message):
-        self.published.append(message)
-
-    def close(self):
-        self.log.append("close")
 
 
 class Rig:

@@ -1,12 +1,19 @@
 """The guard drives robots whose ROS nobody of this project wrote: every command arrives exactly once."""
 
+import time
+from types import SimpleNamespace
+
 import msgspec
 import pytest
 from ros_peers import SPEED_M_S, Ros, domain, drive, master, needs_node, needs_ros1, needs_ros2
+from waiting import HANG_S
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
 from firmware_bridge.guard.wire import Phase
+from firmware_bridge.ros.client import Trouble
+from firmware_bridge.ros.profile import load_profile, profile_path
+from firmware_bridge.ros.ros2 import make_client
 
 pytestmark = pytest.mark.integration
 
@@ -17,17 +24,17 @@ pytestmark = pytest.mark.integration
         pytest.param((1, "rosnodejs"), marks=[needs_ros1, needs_node], id="rosnodejs"),
         pytest.param((2, "cyclone"), marks=needs_ros2, id="cyclonedds"),
         pytest.param((2, "kilted"), marks=needs_ros2, id="rclpy-kilted"),
-        pytest.param((2, "jazzy"), marks=needs_ros2, id="rclpy-jazzy"),
+        pytest.param((2, "jazzy", "clearpath_humble"), marks=needs_ros2, id="rclpy-jazzy"),
     ]
 )
 def ros(request, monkeypatch):
-    kind, library = request.param
-    if kind == 1:
+    ros = Ros(*request.param)
+    if ros.kind == 1:
         with master(monkeypatch):
-            yield Ros(kind, library)
+            yield ros
     else:
         domain(monkeypatch)
-        yield Ros(kind, library)
+        yield ros
 
 
 def test_each_command_arrives_once_and_the_stop_last(ros):
@@ -42,6 +49,46 @@ def test_each_command_arrives_once_and_the_stop_last(ros):
         robot.wait(lambda: robot.forward()[-3:] == [0.0, 0.0, 0.0])
     assert robot.forward() == [0.0, *[SPEED_M_S] * counts.forwarded, 0.0, 0.0, 0.0]
     assert bridge.reaction.firmware_timeout_s == (ros.robot()["timeout"] if known else None)
+
+
+@needs_ros1
+def test_a_robot_of_ros_1_may_want_stamps_and_have_no_emergency_stop(monkeypatch, tmp_path):
+    with master(monkeypatch):
+        ros = Ros(1, "rospy")
+        ros.message = "TwistStamped"
+        profile = tmp_path / "mine.toml"
+        changed = profile_path("husky_noetic").read_text().replace('"Twist"', '"TwistStamped"')
+        profile.write_text(changed.replace('emergency_stop = "e_stop"\n', ""))
+        with ros.peer(stop=None) as robot, GuardedBridge(ros.spec(profile=str(profile))) as bridge:
+            drive(bridge, lambda: SPEED_M_S in robot.forward())
+    assert abs(robot.commands[-1]["stamp"] - time.time()) < HANG_S
+
+
+@needs_ros2
+def test_a_robot_of_ros_2_may_have_no_emergency_stop(monkeypatch, tmp_path):
+    domain(monkeypatch)
+    ros = Ros(2, "kilted")
+    profile = tmp_path / "mine.toml"
+    text = profile_path("clearpath_jazzy").read_text()
+    profile.write_text(text.replace('emergency_stop = "platform/emergency_stop"\n', ""))
+    with ros.peer(stop=None) as robot, GuardedBridge(ros.spec(profile=str(profile))) as bridge:
+        drive(bridge, lambda: SPEED_M_S in robot.forward())
+
+
+@needs_ros2
+def test_a_subscriber_whose_quality_of_service_differs_is_told(monkeypatch):
+    domain(monkeypatch)
+    ros = Ros(2, "kilted")
+    with ros.peer(transient=True), pytest.raises(BridgeError, match="its type or QoS differs"):
+        GuardedBridge(ros.spec()).__enter__()
+
+
+def test_an_executor_that_ends_is_told():
+    heard = []
+    client = make_client(load_profile(profile_path("generic")).under(""), "", 0, (), heard.append)
+    client._executor = SimpleNamespace(spin=lambda: 1 / 0)
+    client._spin()
+    assert heard == [Trouble("ROS 2 failed (domain 0): division by zero")]
 
 
 @needs_ros2

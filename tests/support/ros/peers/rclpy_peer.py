@@ -9,7 +9,7 @@ import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from stage import Stage
 from std_msgs.msg import Bool
 
@@ -25,9 +25,10 @@ class Peer:
             node.declare_parameter(config["parameter"].rpartition("/")[2], config["timeout"])
         self.subscriber = None
         if config.get("command"):
-            self.subscriber = node.create_subscription(
-                self.kind, config["command"], self.hear, QoSProfile(depth=100)
-            )
+            quality = QoSProfile(depth=100)
+            if config.get("transient"):
+                quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
+            self.subscriber = node.create_subscription(self.kind, config["command"], self.hear, quality)
         if config.get("odometry"):
             self.odometry = node.create_publisher(Odometry, config["odometry"], QoSProfile(depth=10))
         if config.get("stop"):
