@@ -20,12 +20,12 @@ from export.bundle.parity import SAMPLES, random_inputs
 from export.bundle.signer import Signer
 from export.bundle.upgrade import replace_manifest, upgrade_bundle
 from export.bundle.writer import bundle_draft, write_bundle, write_manifest
-from export.evaluation.seen import read_calibration, roll_out, with_seen
 from export.onnx.graph import velocity_graph
 from export.onnx.importing import import_graph
 from export.onnx.jacobian import with_jacobian
 from export.scenarios import SCENARIOS, scenario_facts
 from export.training.checkpoint import PolicyFacts, load_policy
+from export.training.seen import read_calibration, roll_out, with_seen
 
 EPILOG = """\
 exit codes:

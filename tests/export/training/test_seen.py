@@ -7,7 +7,7 @@ from bundles import write_straight_bundle
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle, packaged_bundle
 from export.edge_export import main as edge_export
-from export.evaluation.seen import read_calibration, roll_out, with_seen
+from export.training.seen import read_calibration, roll_out, with_seen
 
 TASKS = ("balance", "navigation", "sampling")
 
