@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 
 from edge_runtime.common.closing import Closing
+from edge_runtime.common.toml_file import refuse
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, Reading, RobotState, Teammate, TeamState, TrackedObject, Vector
 from edge_runtime.motion.range_sensor import RangeSensor
 from firmware_bridge.simulation.plant import Plant
-
-REST: Vector = (0.0, 0.0)
 
 
 class SimBridge(Closing):
@@ -48,7 +47,8 @@ class SimBridge(Closing):
         self.robot_id = robot_id
         self.plant = plant
         self._ids, self._mates, self._sensor, self._clock = ids, mates, sensor, clock
-        self._actions = dict.fromkeys(ids, REST)
+        self._rest: Vector = (0.0,) * plant.motion.action_dim
+        self._actions = dict.fromkeys(ids, self._rest)
         self._team: dict[int, Teammate] = {}
 
     def close(self) -> None:
@@ -60,7 +60,7 @@ class SimBridge(Closing):
         if self._team:
             self._advance()
         self._team = self._measure()
-        self._actions[self.robot_id] = REST
+        self._actions[self.robot_id] = self._rest
         return self._team[self.robot_id].state
 
     def teammates(self) -> tuple[Teammate, ...]:
@@ -85,7 +85,7 @@ class SimBridge(Closing):
 
     def stop(self, reason: str) -> None:  # noqa: ARG002  # the simulated firmware keeps no log
         """Let the robot coast."""
-        self._actions[self.robot_id] = REST
+        self._actions[self.robot_id] = self._rest
 
     def _advance(self) -> None:
         for robot_id, controller in self._mates.items():
@@ -98,10 +98,9 @@ class SimBridge(Closing):
 
     def _measure(self) -> dict[int, Teammate]:
         now = self._clock()
-        rows = zip(self._ids, self.plant.position_m.tolist(), self.plant.velocity_m_s.tolist(), strict=True)
         return {
-            robot_id: Teammate(RobotState(robot_id, now, (x, y), (vx, vy)), self._actions[robot_id])
-            for robot_id, (x, y), (vx, vy) in rows
+            robot_id: Teammate(self.plant.state(robot, robot_id, now), self._actions[robot_id])
+            for robot, robot_id in enumerate(self._ids)
         }
 
     def _others(self, robot_id: int) -> tuple[Teammate, ...]:
@@ -111,7 +110,7 @@ class SimBridge(Closing):
         if self._sensor is None:
             return None
         places = (mate.state.position_m for mate in self._others(robot_id))
-        mates = [(x, y, self.plant.radius_m) for x, y in places]
+        mates = [(x, y, self.plant.radius_m) for x, y, *_ in places]
         discs = [*mates, *self.plant.obstacles()]
         return tuple(self._sensor.readings(self._team[robot_id].state.position_m, discs))
 
@@ -132,8 +131,15 @@ def open_bridge(mission: Mission, _options: None = None) -> SimBridge:
     fleet, manifest = mission.fleet, mission.bundle.manifest
     robots = fleet.robots if fleet.carrier is None else (fleet.robot(mission.robot_id),)
     mates = {robot.id: mission.controller(robot.id) for robot in robots if robot.id != mission.robot_id}
-    dynamics = manifest.dynamics.at_period(mission.period_s)
-    starts, scale_m = [robot.start_m for robot in robots], fleet.team.scale_m
-    plant = Plant(dynamics, manifest.body.radius_m, starts, fleet.obstacles, scale_m)
+    if fleet.obstacles and manifest.motion.dims == 3:
+        refuse(fleet.path, "obstacle", "is a disc in the plane; the policy moves in space")
+    plant = Plant(
+        manifest.motion.at_period(mission.period_s),
+        manifest.body.radius_m,
+        [robot.start_m for robot in robots],
+        fleet.obstacles,
+        fleet.team.scale_m,
+        [robot.start_heading_rad for robot in robots],
+    )
     sensor = manifest.body.sensor() if fleet.obstacles else None
     return SimBridge(mission.robot_id, plant, tuple(robot.id for robot in robots), mates, sensor)

@@ -1,4 +1,4 @@
-"""The team's plant: discs that the manifest's dynamics move and that push each other apart on contact.
+"""The team's plant: bodies that a motion model moves and that push each other apart on contact.
 
 Obstacles push the robots alike, and are not pushed themselves: they stand, or walk straight on.
 
@@ -8,82 +8,120 @@ contact model of VMAS 1.5.2 with its default numbers, so that a policy meets the
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.config.fleet import Obstacle
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.messages import RobotState, Vector
+from edge_runtime.motion.model import preview
+from edge_runtime.motion.models import MotionModel, PointAcceleration, PointForce
 from edge_runtime.motion.range_sensor import Disc
+from firmware_bridge.kinematics.frames import wrap
 
-STIFFNESS_N_M = 100.0
-CONTACT_WIDTH_M = 1e-3
+STIFFNESS_N_M: Final = 100.0
+CONTACT_WIDTH_M: Final = 1e-3
 """w above: how softly the contact force sets in."""
-LEAST_DISTANCE_M = 1e-6
+LEAST_DISTANCE_M: Final = 1e-6
 """Centres nearer than this have no direction to part in, and feel no force."""
+MASS_KG: Final = 1.0
+"""In contacts, of robots whose motion model has none."""
 
 
 class Plant:
-    """N discs at rest; leading axes, if any, are independent teams.
+    """N robots at rest: discs in the plane, balls in space.
 
     Args:
-        dynamics: one control period.
-        radius_m: of every disc.
-        position_m: (..., N, 2) where they start.
-        obstacles: M more discs beside them, in every team the same.
-        scale_m: one of the dynamics' metres, in those of positions: contacts are as soft as there.
+        motion: one control period of every robot.
+        radius_m: of every robot.
+        position_m: (N, dims) where they start.
+        obstacles: M discs beside them, in the plane.
+        scale_m: one of the policy's metres, in those of positions: contacts are as soft as there.
+        heading_rad: (N,) where they look at first.
     """
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        motion: MotionModel,
         radius_m: float,
         position_m: npt.ArrayLike,
         obstacles: Sequence[Obstacle] = (),
         scale_m: float = 1.0,
+        heading_rad: npt.ArrayLike = 0.0,
     ) -> None:
-        self.dynamics = dynamics
+        self.motion = motion
         self._scale_m = scale_m
         self.radius_m = radius_m
         self.position_m = np.array(position_m, np.float64)
         self.velocity_m_s = np.zeros_like(self.position_m)
+        count = len(self.position_m)
+        self.heading_rad = np.broadcast_to(np.asarray(heading_rad, np.float64), count).copy()
+        self.yaw_rate_rad_s = np.zeros(count)
         self.obstacle_m = np.array([obstacle.centre_m for obstacle in obstacles]).reshape(-1, 2)
         """(M, 2) where the obstacles are now."""
         self.touched: set[tuple[int, ...]] = set()
-        """(..., i, j) of the discs that have touched so far, robots first, then obstacles; j is a robot, or
-        an obstacle that i ran into."""
+        """(i, j) of the bodies that have touched so far, robots first, then obstacles; j is a robot, or an
+        obstacle that i ran into."""
         self._walk_m_s = np.array([obstacle.velocity_m_s for obstacle in obstacles]).reshape(-1, 2)
-        robots = [radius_m] * self.position_m.shape[-2]
-        self._radii = np.array([*robots, *(obstacle.radius_m for obstacle in obstacles)])
+        self._radii = np.array([*[radius_m] * count, *(obstacle.radius_m for obstacle in obstacles)])
 
-    def step(self, force_n: npt.ArrayLike) -> None:
-        """Advance one control period under constant forces (..., N, 2)."""
-        force = np.asarray(force_n, np.float64)
-        period = self.dynamics.dt_s / self.dynamics.substeps
-        self.velocity_m_s *= 1.0 - self.dynamics.drag
-        for _ in range(self.dynamics.substeps):
-            push = self._contact()
-            self.velocity_m_s += (force + push) / self.dynamics.mass_kg * period
-            self.position_m += self.velocity_m_s * period
-            self.obstacle_m += self._walk_m_s * period
+    def state(self, robot: int, robot_id: int, now_s: float) -> RobotState:
+        """How the robot of an index moves, under its id and stamped with a time."""
+        return RobotState(
+            robot_id,
+            now_s,
+            tuple(self.position_m[robot].tolist()),
+            tuple(self.velocity_m_s[robot].tolist()),
+            float(self.heading_rad[robot]),
+            float(self.yaw_rate_rad_s[robot]),
+        )
+
+    def step(self, actions: Sequence[Vector]) -> None:
+        """Advance one control period under constant actions, (N, d)."""
+        mass_kg = self.motion.mass_kg if isinstance(self.motion, PointForce) else MASS_KG / self._scale_m
+        for model in _substeps(self.motion):
+            push = self._contact() / mass_kg * model.dt_s
+            for robot, action in enumerate(actions):
+                self._move(robot, action, model)
+            self.velocity_m_s += push
+            self.position_m += push * model.dt_s
+            self.obstacle_m += self._walk_m_s * model.dt_s
 
     def obstacles(self) -> list[Disc]:
         """The obstacles as they are now."""
-        radii = self._radii[self.position_m.shape[-2] :].tolist()
+        radii = self._radii[len(self.position_m) :].tolist()
         return [(x, y, radius) for (x, y), radius in zip(self.obstacle_m.tolist(), radii, strict=True)]
 
+    def _move(self, robot: int, action: Vector, model: MotionModel) -> None:
+        moved = preview(model, 1).predict(self.state(robot, robot, 0.0), action)
+        dims = self.motion.dims
+        self.position_m[robot] = moved.position_m(dims)
+        self.velocity_m_s[robot] = moved.velocity_m_s(dims)
+        if self.motion.turns:
+            self.heading_rad[robot], self.yaw_rate_rad_s[robot] = wrap(moved.heading), moved.yaw_rate
+
     def _contact(self) -> Floats:
-        """Contact forces on the robots (..., N, 2); keeps account of who touched."""
-        count = self.position_m.shape[-2]
-        teams = self.position_m.shape[:-2]
-        obstacles = np.broadcast_to(self.obstacle_m, (*teams, *self.obstacle_m.shape))
-        discs = np.concatenate([self.position_m, obstacles], -2) / self._scale_m
-        stiff, apart = _stiff_and_apart(discs, self._radii / self._scale_m)
+        """Contact forces on the robots (N, dims); keeps account of who touched."""
+        count = len(self.position_m)
+        bodies = self.position_m
+        if len(self.obstacle_m):
+            bodies = np.concatenate([bodies, self.obstacle_m])
+        stiff, apart = _stiff_and_apart(bodies / self._scale_m, self._radii / self._scale_m)
         if stiff.any():
-            self.touched.update(map(tuple, np.argwhere(np.triu(stiff)[..., :count, :]).tolist()))
-        force: Floats = (stiff[..., None] * apart).sum(-2)[..., :count, :]
+            self.touched.update(map(tuple, np.argwhere(np.triu(stiff)[:count]).tolist()))
+        force: Floats = (stiff[..., None] * apart).sum(-2)[:count]
         return force
+
+
+def _substeps(motion: MotionModel) -> list[MotionModel]:
+    """The steps of one period between which contacts act: drag takes its share in the first."""
+    if not isinstance(motion, PointForce | PointAcceleration) or motion.substeps == 1:
+        return [motion]
+    first = replace(motion, dt_s=motion.dt_s / motion.substeps, substeps=1)
+    return [first, *[replace(first, drag=0.0, yaw_drag=0.0)] * (motion.substeps - 1)]
 
 
 def contact_forces(position_m: Floats, radius_m: float | Floats, scale_m: float = 1.0) -> Floats:

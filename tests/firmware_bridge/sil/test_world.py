@@ -56,15 +56,15 @@ def test_contacts_are_the_plants():
     """Each step from the world's own state; `Plant` is held to VMAS in the same way in test_plant.py."""
     starts = [(-0.12, 0.0), (0.12, 0.05)]
     world = make(*starts, headings=[0.0, math.pi])
-    plant = Plant(MANIFEST.dynamics.at_period(PERIOD_S), MANIFEST.body.radius_m, starts)
+    plant = Plant(MANIFEST.motion.at_period(PERIOD_S), MANIFEST.body.radius_m, starts)
     x, _ = MANIFEST.action
     touched = 0
     for _ in range(60):
         plant.position_m[:], plant.velocity_m_s[:] = world.position_m, world.velocity_m_s
         ahead = np.array([(math.cos(h), math.sin(h)) for h in (world.state(0)[1], world.state(1)[1])])
-        lacking = ahead - (1.0 - plant.dynamics.drag) * plant.velocity_m_s
+        lacking = ahead - (1.0 - plant.motion.drag) * plant.velocity_m_s
         world.step([(1.0, 0.0), (1.0, 0.0)])
-        plant.step(np.clip(lacking * plant.dynamics.mass_kg / PERIOD_S, x.low, x.high))
+        plant.step(np.clip(lacking * plant.motion.mass_kg / PERIOD_S, x.low, x.high))
         touched += bool(contact_forces(plant.position_m, MANIFEST.body.radius_m).any())
         np.testing.assert_allclose(world.position_m, plant.position_m, atol=1e-6)
     assert touched > 20
