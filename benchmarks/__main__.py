@@ -13,6 +13,7 @@ COMMANDS = {
     "failsafe": "benchmarks.faults.failsafe",
     "faults": "benchmarks.faults.faults_command",
     "latency": "benchmarks.latency.latency_command",
+    "layout": "benchmarks.layout",
     "modes": "benchmarks.paper.modes.modes_command",
     "obstacles": "benchmarks.obstacles.obstacles_command",
     "page": "benchmarks.common.result_page",
