@@ -40,15 +40,19 @@ def guide_for(objectives, dynamics=DYNAMICS, **settings) -> Guide:
     return make_guide(ObjectiveSet(tuple(objectives), GuidanceSettings(**settings)), dynamics)
 
 
-def random_team(draw, teammates=3, ids=None) -> TeamState:
+def random_team(draw, teammates=3, ids=None, model=DYNAMICS) -> TeamState:
     """What the first of ``ids`` knows, 0, 1, 2 and so on where None."""
     ids = ids or range(teammates + 1)
 
     def state(robot):
-        position, velocity = draw.uniform(-0.5, 0.5, 2), draw.uniform(-0.4, 0.4, 2)
-        return RobotState(robot, 0.0, tuple(position.tolist()), tuple(velocity.tolist()))
+        position, velocity = draw.uniform(-0.5, 0.5, model.dims), draw.uniform(-0.4, 0.4, model.dims)
+        turn = draw.uniform(-3.0, 3.0, 2).tolist() if model.turns else ()
+        return RobotState(robot, 0.0, tuple(position.tolist()), tuple(velocity.tolist()), *turn)
 
-    mates = [Teammate(state(mate), tuple(draw.uniform(-1, 1, 2).tolist())) for mate in ids[1:]]
+    def intended():
+        return tuple(draw.uniform(-1, 1, model.action_dim).tolist())
+
+    mates = [Teammate(state(mate), intended()) for mate in ids[1:]]
     return TeamState(state(ids[0]), tuple(mates))
 
 

@@ -1,5 +1,6 @@
 """Motion models of every kind, and states that fit them."""
 
+import numpy as np
 from hypothesis import strategies as st
 
 from edge_runtime.messages import RobotState
@@ -87,3 +88,34 @@ def moving(draw, kinds=models):
     turn = (draw(number), draw(number)) if model.turns else (0.0, 0.0)
     state = RobotState(0, 0.0, draw(vector), draw(vector), *turn)
     return model, state, draw(st.tuples(*[number] * model.action_dim))
+
+
+def _table(d, dims, turns, seed=0):
+    draw = np.random.default_rng([seed, d])
+
+    def rows(*shape):
+        values = 0.06 * draw.standard_normal(shape)
+        return tuple(map(tuple, values.tolist())) if len(shape) == 2 else tuple(values.tolist())
+
+    turn = {"yaw_rate_gain": rows(d), "heading_gain": rows(d)} if turns else {}
+    decays = {"velocity_decay": (0.7,) * dims, "position_decay": (0.08,) * dims}
+    return LinearTable(
+        0.1, velocity_gain=rows(dims, d), position_gain=rows(dims, d), dims=dims, **decays, **turn
+    )
+
+
+EXAMPLES = {
+    "line": _table(1, 2, False),
+    "force": PointForce(1.0, 0.25, 0.1, 2),
+    "velocity": VelocityLag(0.1, time_constant_s=0.3),
+    "unicycle": Unicycle(0.1),
+    "pushed unicycle": Unicycle(0.1, forward="acceleration", turn="acceleration"),
+    "skewed table": _table(2, 2, True),
+    "paper": PointAcceleration(0.1, angular=True),
+    "drone": PointAcceleration(0.1, drag=0.1, dims=3),
+    "holonomic": VelocityLag(0.1, time_constant_s=0.2, angular=True, yaw_time_constant_s=0.1),
+    "turning drone": PointForce(2.0, 0.1, 0.1, 2, dims=3, inertia_kg_m2=0.5, yaw_drag=0.2),
+    "table of five": _table(5, 3, True),
+    "table of six": _table(6, 3, True),
+}
+"""Robots of one to six action components, in the plane and in space."""

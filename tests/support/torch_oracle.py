@@ -3,14 +3,13 @@
 import scipy.optimize
 import torch
 import torch.nn.functional as F  # noqa: N812
-from literal_dynamics import drive
+from torch_rollout import rolled_out, tensor
+
+from edge_runtime.messages import RobotState
 
 
 def velocity(weights, action, tau, observation):
     """v_theta for one action (d,) as a differentiable tensor."""
-
-    def tensor(array):
-        return torch.tensor(array, dtype=torch.float64)
 
     activation = F.silu if weights.activation == "silu" else torch.tanh
     features = torch.cat(
@@ -31,40 +30,43 @@ def velocity(weights, action, tau, observation):
     return result
 
 
-def gain(dynamics, steps, which):
-    """How far a unit action moves the predicted position (0) or velocity (1)."""
-    zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
-    return drive(zero, zero, one, dynamics, steps)[which].item()
+def gain(model, steps, which):
+    """How far a unit action moves the predicted position (0) or velocity (1) of a robot at rest, at most."""
+    rest = RobotState(0, 0.0, (0.0,) * model.dims, (0.0,) * model.dims)
+    jacobian = torch.autograd.functional.jacobian(
+        lambda action: rolled_out(model, rest, action, steps)[which], tensor([0.0] * model.action_dim)
+    )
+    return torch.linalg.matrix_norm(jacobian, 2).item()
 
 
-def speed_cost(objective, team, dynamics, action):
-    _, speed = drive(*_state(team.own), action, dynamics, objective.look_ahead)
+def speed_cost(objective, team, model, action):
+    speed = rolled_out(model, team.own, action, objective.look_ahead)[1]
     excess = speed.norm() - objective.limit_m_s + objective.buffer_m_s
-    return 0.5 * (excess.clamp_min(0) / gain(dynamics, objective.look_ahead, 1)) ** 2
+    return 0.5 * (excess.clamp_min(0) / gain(model, objective.look_ahead, 1)) ** 2
 
 
-def margin_cost(objective, team, dynamics, action):
-    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
-    scale, total = gain(dynamics, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
+def margin_cost(objective, team, model, action):
+    position = rolled_out(model, team.own, action, objective.look_ahead)[0]
+    scale, total = gain(model, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
     for mate in team.teammates:
-        distance = (position - _ahead(mate, dynamics, objective)).norm()
+        distance = (position - _ahead(mate, model, objective)).norm()
         short = objective.distance_m + objective.buffer_m - distance
         total = total + 0.5 * (short.clamp_min(0) / scale) ** 2
     return total
 
 
-def spacing_cost(objective, team, dynamics, action):
-    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
-    nearest = min((position - _ahead(mate, dynamics, objective)).norm() for mate in team.teammates)
-    return 0.5 * ((nearest - objective.distance_m) / gain(dynamics, objective.look_ahead, 0)) ** 2
+def spacing_cost(objective, team, model, action):
+    position = rolled_out(model, team.own, action, objective.look_ahead)[0]
+    nearest = min((position - _ahead(mate, model, objective)).norm() for mate in team.teammates)
+    return 0.5 * ((nearest - objective.distance_m) / gain(model, objective.look_ahead, 0)) ** 2
 
 
-def order_cost(objective, team, dynamics, action):
-    position, _ = drive(*_state(team.own), action, dynamics, objective.look_ahead)
-    scale, total = gain(dynamics, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
+def order_cost(objective, team, model, action):
+    position = rolled_out(model, team.own, action, objective.look_ahead)[0]
+    scale, total = gain(model, objective.look_ahead, 0), torch.zeros((), dtype=torch.float64)
     own = objective.order.index(team.own.robot_id)
     for mate in team.teammates:
-        ahead = _ahead(mate, dynamics, objective)[0] - position[0]
+        ahead = _ahead(mate, model, objective)[0] - position[0]
         if objective.order.index(mate.state.robot_id) < own:
             ahead = -ahead
         cure = (objective.gap_m - ahead).clamp_min(0) / scale
@@ -72,16 +74,8 @@ def order_cost(objective, team, dynamics, action):
     return total
 
 
-def _ahead(mate, dynamics, objective):
-    intended = torch.tensor(mate.intended_action, dtype=torch.float64)
-    return drive(*_state(mate.state), intended, dynamics, objective.look_ahead)[0]
-
-
-def _state(robot):
-    return (
-        torch.tensor(robot.position_m, dtype=torch.float64),
-        torch.tensor(robot.velocity_m_s, dtype=torch.float64),
-    )
+def _ahead(mate, model, objective):
+    return rolled_out(model, mate.state, tensor(mate.intended_action), objective.look_ahead)[0]
 
 
 def combine(mode, gradients, weights, nominal):
@@ -150,4 +144,4 @@ def required(costs, action):
     """The cone projection's step at the action that is preferred."""
     action = action.detach().requires_grad_(True)
     gradients = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
-    return combine("cone", gradients, [1.0] * len(costs), torch.zeros(2))
+    return combine("cone", gradients, [1.0] * len(costs), torch.zeros_like(action))

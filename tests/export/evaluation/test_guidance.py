@@ -6,35 +6,13 @@ import numpy as np
 import pytest
 from guidance_cases import OBJECTIVES, WISHES, guide_for, random_team
 from networks import random_weights
+from team_batches import as_batch
 
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import Mode
 from edge_runtime.objectives import Passing
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.evaluation.guidance import guided_actions
-from export.evaluation.outlook import MotionBatch, TeamBatch
-
-
-def _motion(state):
-    return [*state.position_m, *state.velocity_m_s, state.heading_rad, state.yaw_rate_rad_s]
-
-
-def moving(values) -> MotionBatch:
-    dims = values.shape[-1] // 2 - 1
-    return MotionBatch(values[..., :dims], values[..., dims:-2], values[..., -2], values[..., -1])
-
-
-def as_batch(teams) -> TeamBatch:
-    def mates(read):
-        return np.array([[read(mate) for mate in team.teammates] for team in teams])
-
-    return TeamBatch(
-        robot_id=np.array([team.own.robot_id for team in teams]),
-        own=moving(np.array([_motion(team.own) for team in teams])),
-        mate_id=mates(lambda m: m.state.robot_id),
-        mates=moving(mates(lambda m: _motion(m.state))),
-        mate_action=mates(lambda m: m.intended_action),
-    )
 
 
 @pytest.mark.parametrize("mode", get_args(Mode))

@@ -9,7 +9,7 @@ from guidance_cases import problems
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.guidance.projection import COMBINE
+from edge_runtime.guidance.projection import COMBINE, cone
 from export.evaluation.projection import BATCH, cone_batch, harmonize_batch, hierarchical_batch
 
 
@@ -24,16 +24,20 @@ def test_planar_and_batched_agree(problem, mode):
     assert np.allclose(single, many, atol=1e-9 * scale)
 
 
-@given(st.integers(1, 6), st.integers(2, 6), st.integers(0, 10_000))
-def test_cone_is_the_nearest_point_of_the_cone(count, dimension, seed):
+@given(st.integers(1, 6), st.integers(1, 8), st.integers(0, 10_000), st.booleans())
+def test_cone_is_the_nearest_point_of_the_cone(count, dimension, seed, repeated):
     """Moreau: the projection is w + G^T mu with mu from non-negative least squares."""
     draw = np.random.default_rng(seed)
     gradients, factors = draw.standard_normal((count, 1, dimension)), draw.uniform(0.1, 3, count)
+    if repeated:  # some oppose each other, some are the same, some are nothing
+        gradients[1:] = gradients[:1] * draw.integers(-1, 2, (count - 1, 1, 1))
     matrix = gradients[:, 0]
     target = factors @ matrix
     multipliers, _ = scipy.optimize.nnls(matrix.T, -target)
     nearest = target + multipliers @ matrix
     assert np.allclose(cone_batch(gradients, factors, np.zeros((1, dimension)))[0], nearest, atol=1e-8)
+    single = cone(list(map(tuple, matrix.tolist())), factors.tolist(), (0.0,) * dimension)
+    assert np.allclose(single, nearest, atol=1e-8)
 
 
 def test_batched_projections_take_any_action_size():

@@ -1,0 +1,27 @@
+"""Teams of one robot's view each, as evaluation takes them."""
+
+import numpy as np
+
+from export.evaluation.outlook import MotionBatch, TeamBatch
+
+
+def _motion(state):
+    return [*state.position_m, *state.velocity_m_s, state.heading_rad, state.yaw_rate_rad_s]
+
+
+def moving(values) -> MotionBatch:
+    dims = values.shape[-1] // 2 - 1
+    return MotionBatch(values[..., :dims], values[..., dims:-2], values[..., -2], values[..., -1])
+
+
+def as_batch(teams) -> TeamBatch:
+    def mates(read):
+        return np.array([[read(mate) for mate in team.teammates] for team in teams])
+
+    return TeamBatch(
+        robot_id=np.array([team.own.robot_id for team in teams]),
+        own=moving(np.array([_motion(team.own) for team in teams])),
+        mate_id=mates(lambda m: m.state.robot_id),
+        mates=moving(mates(lambda m: _motion(m.state))),
+        mate_action=mates(lambda m: m.intended_action),
+    )
