@@ -19,6 +19,7 @@ from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import check_gradient
 from firmware_bridge.can.profile import PROFILES as CAN_PROFILES
 from firmware_bridge.mavlink.profiles import PROFILES as MAVLINK_PROFILES
+from firmware_bridge.ros.profile import PROFILES as ROS_PROFILES
 
 PYPROJECT = ROOT / "pyproject.toml"
 
@@ -97,7 +98,8 @@ def test_every_profile_has_a_row_and_none_was_tried_on_hardware():
     page = (ROOT / "docs" / "robots.md").read_text()
     rows = re.findall(r"^\| (`[^|]*`) \| .* \| (.*) \|$", page, re.MULTILINE)
     listed = {name for names, _ in rows for name in re.findall(r"`(\w+)`", names)}
-    assert listed == {*(file.stem for file in CAN_PROFILES.glob("*.toml")), *MAVLINK_PROFILES}
+    files = (*CAN_PROFILES.glob("*.toml"), *ROS_PROFILES.glob("*.toml"))
+    assert listed == {*(file.stem for file in files), *MAVLINK_PROFILES}
     assert {tried for _, tried in rows} == {"everything"}
 
 

@@ -43,7 +43,7 @@ def test_a_point_ahead_of_the_axle_is_located_in_the_teams_frame():
     assert state.position_m == pytest.approx((10.0 - 2.4, 20.0 + 1.0))
     assert abs(state.heading_rad) == pytest.approx(math.pi)
     assert state.velocity_m_s == pytest.approx((-0.5, -0.1))
-    assert (state.robot_id, state.stamp_s) == (3, 5.0)
+    assert (state.robot_id, state.stamp_s, state.yaw_rate_rad_s) == (3, 5.0, 0.25)
 
 
 def test_what_goes_stale_is_a_fault_and_what_comes_again_is_none(odometer):
