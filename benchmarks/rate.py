@@ -7,6 +7,7 @@ within its time and no two touched; speeding and margin are shares of the time, 
 success with each of them in at most 10 % of it.
 """
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -102,9 +103,10 @@ def drive(seed: int, rate_hz: float, bundle: Bundle, *, guided: bool) -> Episode
     goals = [robot.goal_m for robot in fleet.robots]
     speeds, nearest, actions, there = [], [], [], []
     for bridge, command in ticks(mission, EPISODE_S):
-        places = bridge.plant.position_m
+        motions = bridge.plant.motions()
+        places = np.array([motion.position_m for motion in motions])
         apart = np.linalg.norm(places[:, None] - places, axis=-1) + 1e9 * np.eye(ROBOTS)
-        speeds.append(np.linalg.norm(bridge.plant.velocity_m_s, axis=-1).max())
+        speeds.append(max(math.hypot(*motion.velocity_m_s) for motion in motions))
         nearest.append(apart.min())
         actions.append(command.action)
         there.append(np.linalg.norm(places - goals, axis=-1).max() <= fleet.team.goal_tolerance_m)

@@ -87,7 +87,8 @@ def drive(seed: int, bundle: Bundle, asked: ObjectiveSet) -> tuple[bool, bool]:
     mission = Mission(0, fleet, bundle, asked, bundle.manifest.control_rate_hz, seed)
     goals, held = [robot.goal_m for robot in fleet.robots], 0
     for bridge, _ in ticks(mission, EPISODE_S):
-        away_m = np.linalg.norm(bridge.plant.position_m - goals, axis=-1)
+        places = [motion.position_m for motion in bridge.plant.motions()]
+        away_m = np.linalg.norm(np.subtract(places, goals), axis=-1)
         held = held + 1 if away_m.max() <= fleet.team.goal_tolerance_m else 0
         if held >= HOLD_S * mission.rate_hz:
             break

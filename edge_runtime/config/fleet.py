@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 
@@ -19,7 +19,10 @@ from edge_runtime.messages import Vector2
 PUBLIC_KEY: Final = re.compile(r"[0-9a-f]{64}")
 OLDEST_STATE_S: Final = 0.1
 """No action ever rests on an own state that is older."""
-DEFAULT_FLEET: Final = Path(__file__).parents[1] / "fleets" / "navigation.toml"
+FLEETS: Final = Path(__file__).parents[1] / "fleets"
+TASKS: Final = ("navigation", "balance", "sampling")
+"""Packaged fleet files of a simulated team each, one for each packaged policy."""
+DEFAULT_FLEET: Final = FLEETS / "navigation.toml"
 
 
 class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -74,6 +77,20 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self, {"radius_m": (1.0 / GREATEST, GREATEST)})
 
 
+class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What moves a simulated team: the table ``[simulation]``."""
+
+    plant: Literal["discs", "vmas"] = "discs"
+    """``discs``, which every robot's install has, or VMAS's own physics, a workstation's."""
+    scenario: str | None = None
+    """Of VMAS: which of the training's tasks its world is; it counts for that plant alone."""
+    seed: int = 0
+    """Of what a world draws, such as where its samples lie."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self, {"seed": (0, 2**31)})
+
+
 class Fleet(msgspec.Struct, frozen=True):
     """A fleet file."""
 
@@ -90,6 +107,8 @@ class Fleet(msgspec.Struct, frozen=True):
     """What stands and walks in the simulated world beside the robots."""
     tracked: tuple[Tracked, ...] = ()
     """What is no robot, yet has a pose."""
+    simulation: Simulation = Simulation()
+    """What moves a simulated team."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -114,6 +133,7 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     watch: WatchSettings | None = None
     obstacle: tuple[Obstacle, ...] = ()
     tracked: tuple[Tracked, ...] = ()
+    simulation: Simulation = Simulation()
 
 
 def load_fleet(path: Path) -> Fleet:
@@ -148,4 +168,5 @@ def load_fleet(path: Path) -> Fleet:
         tables.watch,
         tables.obstacle,
         tables.tracked,
+        tables.simulation,
     )

@@ -236,7 +236,7 @@ class Mission:
         dims = self.bundle.manifest.motion.dims
         for index, robot in enumerate(self.fleet.robots):
             for place in ("start_m", "goal_m"):
-                found = len(getattr(robot, place))
+                found = len(getattr(robot, place) or (0.0,) * dims)
                 if found != dims:
                     refuse(
                         self.fleet.path,

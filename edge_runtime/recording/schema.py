@@ -68,7 +68,7 @@ class RobotPlace(msgspec.Struct, frozen=True):
 
     robot_id: Integer
     start_m: Place
-    goal_m: Place | None
+    goal_m: Place | None = None
 
     def __post_init__(self) -> None:
         check_bounds(self, dict.fromkeys(("start_m", "goal_m"), (-GREATEST, GREATEST)))
@@ -79,10 +79,10 @@ class ObjectPlace(msgspec.Struct, frozen=True):
 
     name: str
     """By which each tick's state tells of it."""
-    goal_m: Place | None
-    """Where it is to go, if anywhere."""
     radius_m: float
     """Of the disc by which it is drawn."""
+    goal_m: Place | None = None
+    """Where it is to go, if anywhere."""
 
     def __post_init__(self) -> None:
         check_bounds(self, {"goal_m": (-GREATEST, GREATEST), "radius_m": (0.0, GREATEST)})

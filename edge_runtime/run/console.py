@@ -67,10 +67,8 @@ class LiveLine:
         goal = f"goal {own.goal_distance_m:.2f} m, " if math.isfinite(own.goal_distance_m) else ""
         goal += "".join(f"{name} {away:.2f} m, " for name, away in monitor.objects.items())
         nearest = f"{own.min_separation_m:.2f} m" if math.isfinite(own.min_separation_m) else "-"
-        line = (
-            f"{begin}: {goal}nearest {nearest}; "
-            f"{monitor.goals_reached} of {monitor.goals} there, {self._grid.misses} missed"
-        )
+        there = f"{monitor.goals_reached} of {monitor.goals} there, " if monitor.goals else ""
+        line = f"{begin}: {goal}nearest {nearest}; {there}{self._grid.misses} missed"
         unseen = f"; unseen {monitor.unfamiliar_now}" if monitor.unfamiliar_now else ""
         return line + unseen[: LONGEST_LINE - len(line)]
 

@@ -10,7 +10,7 @@ from typing import Final
 from edge_runtime.common.bounds import RATE_HZ
 from edge_runtime.common.command_line import CommandParser
 from edge_runtime.common.flag_types import number, whole_number
-from edge_runtime.config.fleet import DEFAULT_FLEET, Fleet, load_fleet
+from edge_runtime.config.fleet import DEFAULT_FLEET, FLEETS, TASKS, Fleet, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.config.own_sources import add_own_source, load_own_sources
@@ -33,6 +33,7 @@ exit codes:
 
 examples:
   edge-run --robot-id 0
+  edge-run --robot-id 0 --task balance    a team carries a package, on a workstation
   edge-run --robot-id 2 --fleet fleet.toml --policy policies/navigation --json run.json
   edge-run --robot-id 0 --objectives slow.toml --duration 20
   edge-run --robot-id 0 --no-guidance     what the policy does by itself
@@ -50,12 +51,18 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
     parser = CommandParser("edge-run", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--robot-id", type=int, required=robot_required, metavar="I", help="which robot of the fleet this is")
-    add(
+    team = parser.add_mutually_exclusive_group()
+    team.add_argument(
         "--fleet",
         type=Path,
         default=DEFAULT_FLEET,
         metavar="FILE",
         help="TOML: team, robots, objectives, guidance",
+    )
+    team.add_argument(
+        "--task",
+        choices=TASKS,
+        help="a packaged fleet file instead (default: navigation); balance and sampling are moved by VMAS",
     )
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
     add(
@@ -159,7 +166,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     Raises:
         EdgeError: one line that says what does not hold together.
     """
-    fleet = load_fleet(flags.fleet)
+    fleet = load_fleet(FLEETS / f"{flags.task}.toml" if flags.task else flags.fleet)
     objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
     bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)

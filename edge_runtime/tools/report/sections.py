@@ -52,8 +52,11 @@ def _verdicts(team: TeamDigest) -> list[Verdict]:
     misses = sum(int(run.misses[-1]) for run in team.runs if len(run.misses))
     stopped = sum(sum(map(bool, run.stopped)) for run in team.runs)
     ticks = sum(len(run.time_s) for run in team.runs)
+    arrived = Verdict(
+        "At their goals", f"{there} of {len(last)}", f"within {tolerance:g} m", there == len(last)
+    )
     return [
-        Verdict("At their goals", f"{there} of {len(last)}", f"within {tolerance:g} m", there == len(last)),
+        *([arrived] if last else []),
         _against("Least separation", apart, margins, "safety margin {:g} m", 1),
         _against("Greatest speed", speed, speeds, "speed limit {:g} m/s", -1),
         Verdict("Deadlines missed", str(misses), f"of {ticks + misses}", misses == 0),
@@ -130,7 +133,8 @@ def _against_limits(team: TeamDigest) -> list[Item]:
         Figure(chart.over_time(speed, "speed in m/s", speeds), "Speed; it should stay below the line.")
     )
     near = [Limit(tolerance, f"tolerance {tolerance:g} m")]
-    items.append(Figure(chart.over_time(goal, "distance in m", near), "Distance to the own goal."))
+    if goal:
+        items.append(Figure(chart.over_time(goal, "distance in m", near), "Distance to the own goal."))
     return items
 
 

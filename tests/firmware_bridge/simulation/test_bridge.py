@@ -14,7 +14,7 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.policy.bundle import Bundle
 from firmware_bridge.simulation.bridge import open_bridge
-from firmware_bridge.simulation.plant import Plant
+from firmware_bridge.simulation.discs import Discs
 
 BUNDLE = Bundle(MANIFEST, straight_weights(), Path())
 
@@ -67,7 +67,7 @@ def test_every_robot_drives_as_if_it_were_the_one_at_the_link():
         run = mission(robot_id=robot_id)
         with open_bridge(run) as bridge:
             drive(bridge, run.controller(robot_id), 40)
-            runs.append(bridge.plant.position_m)
+            runs.append(np.array([motion.position_m for motion in bridge.plant.motions()]))
     np.testing.assert_allclose(runs[0], runs[1], atol=1e-12)
 
 
@@ -88,7 +88,12 @@ def test_the_guided_team_reaches_its_goals_apart(rate_hz):
     with open_bridge(run) as bridge:
         teams = drive(bridge, run.controller(0), int(14 * rate_hz))
     goals = [robot.goal_m for robot in run.fleet.robots]
-    assert np.linalg.norm(bridge.plant.position_m - goals, axis=-1).max() < 0.1
+    assert (
+        np.linalg.norm(
+            np.array([motion.position_m for motion in bridge.plant.motions()]) - goals, axis=-1
+        ).max()
+        < 0.1
+    )
     for team in teams:
         states = [team.own, *(mate.state for mate in team.teammates)]
         distances = [math.dist(a.position_m, b.position_m) for a in states for b in states if a is not b]
@@ -96,8 +101,8 @@ def test_the_guided_team_reaches_its_goals_apart(rate_hz):
 
 
 def test_the_plant_runs_at_the_control_period():
-    assert isinstance(open_bridge(mission(25.0)).plant, Plant)
-    assert open_bridge(mission(25.0)).plant.motion.dt_s == 0.04
+    assert isinstance(open_bridge(mission(25.0)).plant, Discs)
+    assert open_bridge(mission(25.0)).plant.world.motion.dt_s == 0.04
 
 
 def test_a_team_of_processes_simulates_its_own_robot_only():
