@@ -15,14 +15,14 @@ TAG_BYTES: Final = 32
 class Magic(bytes, enum.Enum):
     """What a packet begins with; the last byte is the version of its layout, and changes with that."""
 
-    TEAM = b"CFP\x02"
+    TEAM = b"CFP\x03"
     """See `edge_runtime.network.team_wire`."""
     ORDER = b"CFO\x01"
     ANSWER = b"CFA\x01"
     """See `edge_runtime.network.order_wire`."""
-    STREAM = b"CFS\x01"
+    STREAM = b"CFS\x02"
     """See `edge_runtime.network.stream_wire`."""
-    STATUS = b"CFW\x01"
+    STATUS = b"CFW\x02"
     """See `edge_runtime.telemetry.status`."""
     LISTEN = b"CFL\x01"
     """See `edge_runtime.tools.watch.feed`."""

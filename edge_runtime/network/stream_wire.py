@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, is_motion
-from edge_runtime.messages import TrackedObject, Vector2
+from edge_runtime.messages import TrackedObject, Vector, Vector2
 from edge_runtime.network.seal import FrameError, Magic, Refusal, seal, unseal
 
 MOST_VALUES: Final = 1024
@@ -26,13 +26,13 @@ class Kind(enum.IntEnum):
     """From a robot, without values: it wants poses."""
     RANGES_REQUEST = 2
     POSE = 3
-    """Values as in `Pose`."""
+    """Position and velocity of two components, or of three; then heading and yaw rate."""
     RANGES = 4
     """Distances in m, one a ray, in the order and along the directions of the policy's sensor."""
     OBJECT_REQUEST = 5
     """It wants the poses of the tracked object of the frame's tag."""
     OBJECT = 6
-    """Position and velocity of two components, or of three; then heading and yaw rate."""
+    """Values as of a pose."""
     SENSOR_REQUEST = 7
     """It wants the readings of its sensor of the frame's tag."""
     SENSOR = 8
@@ -43,18 +43,19 @@ COUNTS: Final[dict[int, tuple[int, ...]]] = {
     Kind.RANGES_REQUEST: (0,),
     Kind.OBJECT_REQUEST: (0,),
     Kind.SENSOR_REQUEST: (0,),
-    Kind.POSE: (5,),
+    Kind.POSE: (6, 8),
     Kind.OBJECT: (6, 8),
 }
 """How many values frames of a kind have, where not any number will do."""
 
 
 class Pose(NamedTuple):
-    """A robot's motion in the team's frame."""
+    """The motion of a robot or an object in the team's frame."""
 
-    position_m: Vector2
-    velocity_m_s: Vector2
+    position_m: Vector
+    velocity_m_s: Vector
     heading_rad: float
+    yaw_rate_rad_s: float
 
 
 class StreamFrame(msgspec.Struct, frozen=True, gc=False):
@@ -77,16 +78,14 @@ class StreamFrame(msgspec.Struct, frozen=True, gc=False):
     """Which object or sensor it is about: `edge_runtime.config.tracked.tag_of` its name; else 0."""
 
     def pose(self) -> Pose:
-        """Return what a frame of kind POSE says."""
-        x, y, v_x, v_y, heading = self.values
-        return Pose((x, y), (v_x, v_y), heading)
+        """Return what a frame of kind POSE or OBJECT says."""
+        *motion, heading, yaw_rate = self.values
+        half = len(motion) // 2
+        return Pose(tuple(motion[:half]), tuple(motion[half:]), heading, yaw_rate)
 
     def tracked(self, name: str, age_s: float, goal_m: Vector2 | None) -> TrackedObject:
         """Return what a frame of kind OBJECT says of the object of that name."""
-        *motion, heading, yaw_rate = self.values
-        half = len(motion) // 2
-        place, velocity = tuple(motion[:half]), tuple(motion[half:])
-        return TrackedObject(name, self.stamp_s, place, velocity, heading, yaw_rate, age_s, goal_m)
+        return TrackedObject(name, self.stamp_s, *self.pose(), age_s, goal_m)
 
 
 def encode_stream(frame: StreamFrame, key: bytes) -> bytes:

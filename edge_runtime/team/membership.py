@@ -18,6 +18,8 @@ from edge_runtime.network.session import random_nonce
 from edge_runtime.network.stream_wire import Kind
 from edge_runtime.network.udp import Carrier, UdpCarrier
 from edge_runtime.observation import Sensor
+from edge_runtime.policy.manifest import Manifest
+from edge_runtime.team.frame_rotation import action_axes
 from edge_runtime.team.link import NetworkTeam, TeamRules
 from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.orders import Orders
@@ -180,7 +182,7 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     carrier = _carrier(mission, settings, own, endpoints)
     orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
     service = OrderService(orders, operator_key(fleet), carrier, mission.rate_hz)
-    streams = _streams(fleet, robot, mission.bundle.manifest.body.lidar_rays, key, carrier)
+    streams = _streams(fleet, robot, mission.bundle.manifest, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, service, streams, time.monotonic)
 
 
@@ -221,10 +223,13 @@ def _carrier(
     return carrier
 
 
-def _streams(fleet: Fleet, robot: Robot, rays: int, key: bytes, carrier: Carrier) -> Streams:
-    pose = ranges = None
+def _streams(fleet: Fleet, robot: Robot, manifest: Manifest, key: bytes, carrier: Carrier) -> Streams:
+    pose = ranges = axes = None
     if robot.pose_place:
-        pose = Stream(POSE_SOURCE, robot.id, Kind.POSE_REQUEST, Kind.POSE, 5, key, carrier)
+        values = 2 * manifest.motion.dims + 2
+        pose = Stream(POSE_SOURCE, robot.id, Kind.POSE_REQUEST, Kind.POSE, values, key, carrier)
+        axes = action_axes(manifest)
+    rays = manifest.body.lidar_rays
     if robot.ranges_place:
         ranges = Stream(RANGES_SOURCE, robot.id, Kind.RANGES_REQUEST, Kind.RANGES, rays, key, carrier)
     objects, sensors = [], []
@@ -235,7 +240,7 @@ def _streams(fleet: Fleet, robot: Robot, rays: int, key: bytes, carrier: Carrier
     for index, name in enumerate(robot.sensors, len(fleet.tracked)):
         kinds = (Kind.SENSOR_REQUEST, Kind.SENSOR)
         sensors.append(Stream(FIRST_SOURCE - index, robot.id, *kinds, None, key, carrier, name))
-    return Streams(robot.id, pose, ranges, key, objects, sensors)
+    return Streams(robot.id, pose, ranges, key, objects, sensors, axes)
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:

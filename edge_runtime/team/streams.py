@@ -16,7 +16,7 @@ from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.session import Session, random_nonce
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
 from edge_runtime.network.udp import Carrier
-from edge_runtime.team.frame_rotation import turned
+from edge_runtime.team.frame_rotation import ActionAxes, turned
 
 POSE_SOURCE: Final = -1
 RANGES_SOURCE: Final = -2
@@ -100,6 +100,7 @@ class Streams:
         key: the team's.
         objects: the tracked objects' streams, each with where the object is to go, if anywhere.
         sensors: the streams of further sensors.
+        axes: how commands are turned for a base whose pose comes as a stream.
     """
 
     def __init__(
@@ -110,9 +111,10 @@ class Streams:
         key: bytes,
         objects: Sequence[tuple[Stream, Vector2 | None]] = (),
         sensors: Sequence[Stream] = (),
+        axes: ActionAxes | None = None,
     ) -> None:
         self._robot_id, self._pose, self._ranges, self._key = robot_id, pose, ranges, key
-        self._objects, self._sensors = objects, sensors
+        self._objects, self._sensors, self._axes = objects, sensors, axes or ActionAxes()
         every = (pose, ranges, *(stream for stream, _ in objects), *sensors)
         self._all = {(stream.content, stream.tag): stream for stream in every if stream}
         self._turn_rad = 0.0
@@ -133,8 +135,8 @@ class Streams:
     def locate(self, bridge: RobotState) -> RobotState | None:
         """Return the own state in the team's frame, or None where the stream has not told it yet.
 
-        Position, velocity and heading are the stream's. The stamp is the older one of stream and bridge: a
-        base whose feedback is stale must not be driven by a fresh pose.
+        How it moves and turns is the stream's. The stamp is the older one of stream and bridge: a base whose
+        feedback is stale must not be driven by a fresh pose.
         """
         if self._pose is None:
             return bridge
@@ -144,7 +146,7 @@ class Streams:
         pose = newest.pose()
         self._turn_rad = bridge.heading_rad - pose.heading_rad
         stamp_s = min(bridge.stamp_s, newest.stamp_s)
-        return RobotState(bridge.robot_id, stamp_s, pose.position_m, pose.velocity_m_s, pose.heading_rad)
+        return RobotState(bridge.robot_id, stamp_s, *pose)
 
     def ranges_m(self) -> tuple[float, ...] | None:
         """Return the newest ranges, or None where they are computed from the teammates."""
@@ -175,4 +177,4 @@ class Streams:
 
     def for_base(self, command: Command) -> Command:
         """Turn a command from the team's frame into the one in which the bridge's odometry lives."""
-        return turned(command, self._turn_rad) if self._pose else command
+        return turned(command, self._turn_rad, self._axes) if self._pose else command

@@ -46,7 +46,7 @@ def make_parser() -> CommandParser:
         "--replay",
         type=Path,
         metavar="FILE",
-        help="JSON lines or .csv: t, robot or object, x, y, heading[, vx, vy]",
+        help="JSON lines or .csv: t, robot or object, x, y[, z], heading[, vx, vy[, vz]]",
     )
     add("--up", choices=("y", "z"), default="y", help="axis that Motive streams as up (default: y)")
     return parser
@@ -76,6 +76,7 @@ def _check_robots(
     poses: Sequence[int],
     ranges: Sequence[int],
     objects: Sequence[str],
+    flying: Sequence[int],
     file: Path,
 ) -> None:
     for sample in samples:
@@ -86,6 +87,9 @@ def _check_robots(
         elif sample.robot not in (poses if sample.ranges is None else ranges):
             kind = "poses" if sample.ranges is None else "ranges"
             raise ConfigError(f"{file}: robot {sample.robot} does not get its {kind} from here")
+        elif sample.ranges is None and (sample.z is None) == (sample.robot in flying):
+            where = "in space: its poses need z" if sample.z is None else "in the plane: its poses have no z"
+            raise ConfigError(f"{file}: robot {sample.robot} moves {where}")
 
 
 def _check_bodies(fleet: Fleet, objects: Sequence[Tracked]) -> None:
@@ -105,7 +109,8 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
     samples = read_recording(flags.replay) if flags.replay else []
     objects = [each for each in fleet.tracked if each.pose_place == place]
     names = [each.name for each in objects]
-    _check_robots(samples, poses, ranges, names, flags.replay)
+    flying = [robot.id for robot in fleet.robots if len(robot.start_m) == 3]
+    _check_robots(samples, poses, ranges, names, flying, flags.replay)
     if flags.natnet:
         _check_bodies(fleet, objects)
     with StreamHost(place, places, poses, ranges, key, names) as host:
@@ -116,7 +121,7 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
             r.id if r.rigid_body is None else r.rigid_body: r.id for r in fleet.robots if r.id in poses
         }
         bodies |= {each.rigid_body: each.name for each in objects if each.rigid_body is not None}
-        with NatNetFeed(flags.natnet, bodies, flags.up) as feed:
+        with NatNetFeed(flags.natnet, bodies, flags.up, flying=flying) as feed:
             feed.publish(host, ending)
             if feed.refused:
                 complain("edge-pose", f"{feed.refused} packets were not NatNet")

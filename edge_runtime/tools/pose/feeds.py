@@ -5,7 +5,7 @@ import math
 import socket
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 
 from edge_runtime.common.closing import Closing
@@ -66,10 +66,11 @@ def _publish(sample: Sample, fit: MotionFit, host: StreamHost, stamp_s: float) -
     if sample.ranges is not None and sample.robot is not None:
         host.publish(Kind.RANGES, sample.robot, stamp_s, sample.ranges)
     elif subject is not None and sample.x is not None and sample.y is not None:
-        place = (sample.x, sample.y)
+        place: Vector = (sample.x, sample.y) if sample.z is None else (sample.x, sample.y, sample.z)
         motion = fit.add(sample.t, place, sample.heading)
         if sample.vx is not None and sample.vy is not None:
-            motion = (sample.vx, sample.vy), motion[1] if motion else 0.0
+            velocity = (sample.vx, sample.vy) if sample.vz is None else (sample.vx, sample.vy, sample.vz)
+            motion = velocity, motion[1] if motion else 0.0
         if motion:
             _tell(host, subject, stamp_s, place, sample.heading, *motion)
 
@@ -84,9 +85,9 @@ def _tell(
     yaw_rate_rad_s: float,
 ) -> None:
     """Publish the motion of a robot, told by its id, or of an object, told by its name."""
-    values = (*position_m, *velocity_m_s, heading_rad)
+    values = (*position_m, *velocity_m_s, heading_rad, yaw_rate_rad_s)
     if isinstance(subject, str):
-        host.publish_object(subject, stamp_s, (*values, yaw_rate_rad_s))
+        host.publish_object(subject, stamp_s, values)
     else:
         host.publish(Kind.POSE, subject, stamp_s, values)
 
@@ -98,15 +99,21 @@ class NatNetFeed(Closing):
         server: Motive's IP address.
         carriers: who carries a rigid body, a robot's id or an object's name, by the body's streaming id.
         up: see `edge_runtime.tools.pose.natnet.Up`.
+        flying: ids of the robots that move in space.
 
     Raises:
         ConfigError: if nobody answers there, or speaks a version that is not read here.
     """
 
     def __init__(
-        self, server: str, carriers: Mapping[int, Subject], up: Up, port: int = COMMAND_PORT
+        self,
+        server: str,
+        carriers: Mapping[int, Subject],
+        up: Up,
+        port: int = COMMAND_PORT,
+        flying: Collection[int] = (),
     ) -> None:
-        self._place, self._carriers, self._up = (server, port), carriers, up
+        self._place, self._carriers, self._up, self._flying = (server, port), carriers, up, flying
         self._fits: dict[Subject, MotionFit] = defaultdict(MotionFit)
         self._clock = RemoteClock()
         self._command = speak(server, PACKET_BYTES)
@@ -166,7 +173,7 @@ class NatNetFeed(Closing):
             subject = self._carriers.get(body.id)
             if subject is None or not body.tracked:
                 continue
-            position_m, heading_rad = body.planar(self._up)
+            position_m, heading_rad = body.seen(self._up, 3 if subject in self._flying else 2)
             if motion := self._fits[subject].add(frame.stamp_s, position_m, heading_rad):
                 _tell(host, subject, stamp_s, position_m, heading_rad, *motion)
 

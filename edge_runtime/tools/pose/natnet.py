@@ -13,7 +13,7 @@ from typing import Final, Literal, NamedTuple
 import msgspec
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector
 
 COMMAND_PORT: Final = 1510
 PACKET_BYTES: Final = 65535
@@ -60,14 +60,14 @@ class Body(msgspec.Struct, frozen=True, gc=False):
     """x, y, z, w."""
     tracked: bool
 
-    def planar(self, up: Up) -> tuple[Vector2, float]:
-        """Return position and heading in the plane; with y up, the plane's axes are x and -z."""
+    def seen(self, up: Up, dims: int) -> tuple[Vector, float]:
+        """Return position, of 2 or 3 components, and heading; with y up, the plane's axes are x and -z."""
         x, y, z = self.position_m
         q_x, q_y, q_z, q_w = self.quaternion
         forward_x = 1.0 - 2.0 * (q_y * q_y + q_z * q_z)
         if up == "z":
-            return (x, y), math.atan2(2.0 * (q_x * q_y + q_z * q_w), forward_x)
-        return (x, -z), math.atan2(-2.0 * (q_x * q_z - q_y * q_w), forward_x)
+            return (x, y, z)[:dims], math.atan2(2.0 * (q_x * q_y + q_z * q_w), forward_x)
+        return (x, -z, y)[:dims], math.atan2(-2.0 * (q_x * q_z - q_y * q_w), forward_x)
 
 
 class MocapFrame(NamedTuple):

@@ -1,9 +1,9 @@
 """Recorded poses and ranges: JSON lines or CSV, in the order of their times.
 
 One line is one robot's pose, ``{"t": 0.01, "robot": 0, "x": 0.2, "y": -0.1, "heading": 0.0}`` with ``vx`` and
-``vy`` if they are known, or what its sensor read, ``{"t": 0.01, "robot": 0, "ranges": [0.35, 0.2]}``. A
-tracked object's pose has its name instead of a robot, ``"object": "package"``. CSV has the poses' names in
-its first line. SI units, the team's frame.
+``vy`` if they are known, in space with ``z`` and ``vz`` too, or what its sensor read, ``{"t": 0.01,
+"robot": 0, "ranges": [0.35, 0.2]}``. A tracked object's pose has its name instead of a robot,
+``"object": "package"``. CSV has the poses' names in its first line. SI units, the team's frame.
 """
 
 import csv
@@ -34,9 +34,12 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Name of the tracked object that the line is about, instead of a robot."""
     x: float | None = None
     y: float | None = None
+    z: float | None = None
+    """Of what moves in space."""
     heading: float = 0.0
     vx: float | None = None
     vy: float | None = None
+    vz: float | None = None
     ranges: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -48,15 +51,19 @@ class Sample(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             raise ValueError("a line has either `x` and `y`, or `ranges`")
         if (self.vx is None) != (self.vy is None):
             raise ValueError("`vx` and `vy` go together")
+        if self.z is not None and self.x is None:
+            raise ValueError("`z` needs `x` and `y`")
+        if (self.vz is None) != (self.vx is None or self.z is None):
+            raise ValueError("`vz` goes with `vx`, `vy` and `z`")
         if len(self.ranges or ()) > MOST_VALUES:
             raise ValueError(f"`ranges` has {len(self.ranges or ())} numbers, at most {MOST_VALUES}")
-        numbers = (self.t, self.x, self.y, self.heading, self.vx, self.vy, *(self.ranges or ()))
+        motion = (self.x, self.y, self.z, self.vx, self.vy, self.vz)
+        numbers = (self.t, self.heading, *motion, *(self.ranges or ()))
         if not all(math.isfinite(number) for number in numbers if number is not None):
             raise ValueError("every number must be finite")
         place, speed = (-GREATEST, GREATEST), (-GREATEST_SPEED_M_S, GREATEST_SPEED_M_S)
-        check_bounds(
-            self, {"x": place, "y": place, "heading": place, "ranges": place, "vx": speed, "vy": speed}
-        )
+        check_bounds(self, dict.fromkeys(("x", "y", "z", "heading", "ranges"), place))
+        check_bounds(self, dict.fromkeys(("vx", "vy", "vz"), speed))
 
 
 def read_recording(path: Path) -> list[Sample]:

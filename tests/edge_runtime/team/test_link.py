@@ -128,7 +128,7 @@ def test_frames_for_others_and_of_other_teams_are_refused():
         packet for sender, receiver, packet in foreigner.network.recorded if (sender, receiver) == (1, 0)
     ]
     world.network.queues[0].clear()
-    world.network.queues[0].extend([*stray, *own, *foreign, b"", b"CFP\x02", foreign[0] + b"x"])
+    world.network.queues[0].extend([*stray, *own, *foreign, b"", b"CFP\x03", foreign[0] + b"x"])
     world.view(0)
     after = world.teams[0].report()
     assert after.accepted == before.accepted

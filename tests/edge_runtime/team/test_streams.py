@@ -6,6 +6,7 @@ import socket
 import time
 from contextlib import ExitStack
 
+import msgspec
 import pytest
 from bundles import MANIFEST
 from fleet_processes import mission, robot
@@ -18,22 +19,23 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command, RobotState
+from edge_runtime.motion.models import LinearTable, Unicycle
 from edge_runtime.network.datagrams import Datagram
 from edge_runtime.network.seal import FrameError, Refusal
 from edge_runtime.network.stream_wire import Kind, StreamFrame, decode_stream, encode_stream
-from edge_runtime.team.frame_rotation import turned
+from edge_runtime.team.frame_rotation import ActionAxes, action_axes, turned
 from edge_runtime.team.membership import Alone, open_fleet
 from edge_runtime.team.streams import Stream, Streams
 from edge_runtime.tools.pose.stream_host import StreamHost
 
 KEY = hashlib.sha256(b"a key for tests").digest()
-POSE = (1.0, 2.0, 0.1, 0.2, 0.5)
+POSE = (1.0, 2.0, 0.1, 0.2, 0.5, -0.25)
 RAYS = MANIFEST.body.lidar_rays
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 longs = st.integers(0, 2**64 - 1)
 places, speeds = st.floats(-1e6, 1e6), st.floats(-1e3, 1e3)
-values = st.tuples(places, places, speeds, speeds, places)
+values = st.one_of(st.tuples(*[places] * dims, *[speeds] * dims, places, places) for dims in (2, 3))
 
 
 def bridge_state(heading_rad=0.0):
@@ -173,14 +175,32 @@ def test_commands_are_turned_into_the_frame_of_the_odometry(path, place, link):
 @given(
     action=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
     velocity=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+    others=st.lists(st.floats(-1, 1), max_size=2).map(tuple),
     angle=st.floats(-7, 7),
 )
-def test_turning_keeps_the_speed_and_every_limit(action, velocity, angle):
-    command = turned(Command(0, 1, 2.0, action, velocity), angle)
-    assert math.hypot(*command.velocity_m_s) == pytest.approx(math.hypot(*velocity))
-    assert max(map(abs, command.action)) <= max(map(abs, action)) * (1 + 1e-12)
+def test_turning_keeps_the_speed_and_every_limit(action, velocity, others, angle):
+    low, high = (-1.0, -0.25, -1.0, -1.0), (0.5, 1.0, 1.0, 1.0)
+    axes = ActionAxes(True, low[: 2 + len(others)], high[: 2 + len(others)])
+    command = turned(Command(0, 1, 2.0, (*action, *others), (*velocity, 0.5)), angle, axes)
+    assert math.hypot(*command.velocity_m_s[:2]) == pytest.approx(math.hypot(*velocity))
+    assert command.velocity_m_s[2] == 0.5
+    assert command.action[2:] == others
+    for value, least, most in zip(command.action, low, high, strict=False):
+        assert least * (1 + 1e-12) <= value <= most * (1 + 1e-12)
+    command = msgspec.structs.replace(command, action=command.action[:2])
     expected = complex(*action) * complex(math.cos(angle), math.sin(angle))
     assert (complex(*command.action) * expected.conjugate()).imag == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_a_unicycle_does_depends_on_no_axes_and_a_table_cannot_be_turned():
+    manifest = msgspec.structs.replace(MANIFEST, motion=Unicycle(0.1))
+    command = Command(0, 1, 2.0, (1.0, 0.5), (0.3, 0.0), 0.5)
+    there = turned(command, math.pi / 2, action_axes(manifest))
+    assert (there.action, there.yaw_rate_rad_s) == ((1.0, 0.5), 0.5)
+    assert there.velocity_m_s == pytest.approx((0.0, 0.3))
+    table = LinearTable(0.1, (0.9, 0.9), ((0.1,), (0.0,)), (0.1, 0.1), ((0.0,), (0.0,)))
+    with pytest.raises(ConfigError, match=r"\(table\) holds along the team's axes"):
+        action_axes(msgspec.structs.replace(MANIFEST, motion=table))
 
 
 @settings(deadline=None)
@@ -210,14 +230,15 @@ def test_every_altered_bit_is_noticed():
 @pytest.mark.parametrize(
     "kind, wrong, cause",
     [
-        (Kind.POSE, POSE[:4], Refusal.MALFORMED),
+        (Kind.POSE, POSE[:5], Refusal.MALFORMED),
+        (Kind.POSE, (*POSE, 0.0), Refusal.MALFORMED),
         (Kind.POSE_REQUEST, POSE, Refusal.MALFORMED),
         (9, (), Refusal.MALFORMED),
         (Kind.RANGES, (math.inf,), Refusal.NOT_FINITE),
         (Kind.POSE, (math.nan, *POSE[1:]), Refusal.NOT_FINITE),
         (Kind.POSE, (1.1e6, *POSE[1:]), Refusal.MALFORMED),
-        (Kind.POSE, (*POSE[:3], -1.1e3, POSE[4]), Refusal.MALFORMED),
-        (Kind.POSE, (*POSE[:4], 1e300), Refusal.MALFORMED),
+        (Kind.POSE, (*POSE[:3], -1.1e3, *POSE[4:]), Refusal.MALFORMED),
+        (Kind.POSE, (*POSE[:5], 1e300), Refusal.MALFORMED),
         (Kind.RANGES, (0.3, 1e7), Refusal.MALFORMED),
     ],
 )

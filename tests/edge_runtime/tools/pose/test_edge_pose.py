@@ -19,13 +19,14 @@ from waiting import HANG_S, until
 from edge_runtime.config.network import endpoint
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
+from edge_runtime.network.stream_wire import Kind
 from edge_runtime.team.membership import Alone, open_fleet
 from edge_runtime.tools.pose import edge_pose as command
 from edge_runtime.tools.pose import feeds
-from edge_runtime.tools.pose.feeds import NatNetFeed
+from edge_runtime.tools.pose.feeds import NatNetFeed, _publish
 from edge_runtime.tools.pose.recording import Sample, read_recording
 from edge_runtime.tools.pose.stream_host import StreamHost
-from edge_runtime.tools.pose.velocity import VelocityFit
+from edge_runtime.tools.pose.velocity import MotionFit, VelocityFit
 
 KEY = bytes(range(32))
 
@@ -114,6 +115,27 @@ def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
         assert own.position_m[1] == -1.0
         assert own.velocity_m_s == pytest.approx((0.2, 0.0), abs=1e-9)
         assert own.heading_rad == 0.25
+
+
+class Told:
+    """A host that keeps what it is to tell."""
+
+    def __init__(self):
+        self.values = []
+
+    def publish(self, kind, robot_id, stamp_s, values):
+        assert (kind, robot_id) == (Kind.POSE, 0)
+        self.values.append(values)
+
+
+def test_poses_in_space_are_told_with_their_height():
+    told, fit = Told(), MotionFit()
+    for k in range(9):
+        sample = Sample(t=0.01 * k, robot=0, x=0.1, y=0.2, z=0.005 * k, heading=0.25)
+        _publish(sample, fit, told, sample.t)
+    assert told.values[-1] == pytest.approx((0.1, 0.2, 0.04, 0.0, 0.0, 0.5, 0.25, 0.0), abs=1e-9)
+    _publish(Sample(t=1, robot=0, x=1, y=2, z=3, vx=4, vy=5, vz=6), MotionFit(), told, 1.0)
+    assert told.values[-1] == (1, 2, 3, 4, 5, 6, 0.0, 0.0)
 
 
 class Motive:
@@ -260,6 +282,10 @@ def test_an_old_motive_is_refused():
         ('{"t": 0, "robot": 0}', "line 1: a line has either `x` and `y`, or `ranges`"),
         ('{"t": 0, "robot": 0, "x": 1, "y": 2, "ranges": []}', "line 1: a line has either"),
         ('{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 1}', "line 1: `vx` and `vy` go together"),
+        ('{"t": 0, "robot": 0, "z": 1, "ranges": [1]}', "line 1: `z` needs `x` and `y`"),
+        ('{"t": 0, "robot": 0, "x": 1, "y": 2, "vx": 0, "vy": 0, "vz": 0}', "line 1: `vz` goes with"),
+        ('{"t": 0, "robot": 0, "x": 1, "y": 2, "z": 3, "vx": 0, "vy": 0}', "line 1: `vz` goes with"),
+        ('{"t": 0, "robot": 0, "x": 1, "y": 2, "z": 1e7}', "line 1: `z` must lie in"),
         ('{"t": 0, "robot": 0, "x": 1e999, "y": 2}', "line 1: "),
         ('{"t": 0, "robot": 0, "x": 1, "y": -2e6}', "line 1: `y` must lie in [-1e+06, 1e+06], got -2e+06"),
         (
@@ -316,3 +342,11 @@ def test_bad_input_is_one_line(path, tmp_path, capsys, flags, expected):
     complaint = capsys.readouterr().err
     assert complaint.startswith("edge-pose: " + expected.format(file=file))
     assert complaint.count("\n") == 1
+
+
+def test_a_robot_of_the_plane_has_no_height(path, tmp_path, capsys):
+    file = tmp_path / "poses.jsonl"
+    file.write_text('{"t": 0, "robot": 0, "x": 1, "y": 2, "z": 3}\n')
+    assert command.main(["--fleet", str(path), "--replay", str(file)]) == 2
+    said = f"{file}: robot 0 moves in the plane: its poses have no z"
+    assert said in capsys.readouterr().err

@@ -124,6 +124,7 @@ def test_the_plane_and_the_heading(heading):
     y_up = Body(1, (1.0, 9.0, -2.0), (0.0, math.sin(half), 0.0, math.cos(half)), True)
     z_up = Body(1, (1.0, 2.0, 9.0), (0.0, 0.0, math.sin(half), math.cos(half)), True)
     for body, up in ((y_up, "y"), (z_up, "z")):
-        position, found = body.planar(up)
+        position, found = body.seen(up, 2)
         assert position == (1.0, 2.0)
+        assert body.seen(up, 3) == ((1.0, 2.0, 9.0), found)
         assert found == pytest.approx(heading)
