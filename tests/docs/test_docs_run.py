@@ -28,6 +28,7 @@ PARSED_ONLY = {
     r"export\.edge_train ": "trains for minutes; tests/export/training/test_run.py trains less",
     r"sil\.edge_sil ": "starts a team for half a minute; its tests drive shorter ones",
     r"run .*--bus (?!sim )|--bridge mavlink": "needs firmware on a bus; edge-sil's tests have both",
+    r"--bridge ros": "needs a robot's ROS; tests/firmware_bridge/ros/test_page.py runs the page beside one",
     r"pose\.edge_pose ": "sends what robots or a motion-capture host wait for; its tests play both",
     r"watch\.edge_watch (?!.*--once)": "goes on until somebody ends it; its tests do",
     r"benchmarks\.\w+\.(recording|latency)_command ": "measures for minutes; their tests measure less",
