@@ -48,7 +48,7 @@ def main(arguments: Sequence[str]) -> int:
 def draw(name: str, path: Path, setting: Setting = SETTING) -> None:
     """Draw one task."""
     bundle, task = packaged_bundle(name), TASKS[name]
-    longest = round(LONGEST_S[name] / bundle.manifest.dynamics.dt_s)
+    longest = round(LONGEST_S[name] / bundle.manifest.motion.dt_s)
     tracks = follow(task, tuned_default(name), bundle, setting, longest)
     titles = ("without guidance", "with guidance")
     scenes = [
@@ -62,7 +62,7 @@ def _scene(title: str, track: Track, manifest: Manifest, asked: Sequence[Objecti
     goal, load = track.state("goal"), _load(track)
     return Scene(
         title=title,
-        period_s=manifest.dynamics.dt_s,
+        period_s=manifest.motion.dt_s,
         position_m=track.position,
         velocity_m_s=track.velocity,
         goals_m=[] if goal is None or load else goal[0].tolist(),

@@ -10,13 +10,13 @@ from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import TeamState
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.policy.weights import Activation, FlowWeights
 from export.evaluation.outlook import MotionBatch, TeamBatch
 
 TIME_FEATURES = 16
-DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):

@@ -14,7 +14,7 @@ from benchmarks.latency.cases import Case, workload
 FIRST_ACTION = """
 import sys, numpy as np
 from edge_runtime.policy.backend import make_policy
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
@@ -31,7 +31,7 @@ weights = FlowWeights(
 )
 policy = make_policy(weights, 10, backend=sys.argv[2])
 asked = ObjectiveSet((SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)))
-guide = make_guide(asked, Dynamics(1.0, 0.25, 0.1, 2))
+guide = make_guide(asked, PointForce(1.0, 0.25, 0.1, 2))
 team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.1, 0.0)))
 guided_action(policy, np.zeros((1, 32), np.float32), team, guide)
 status = dict(line.split(":", 1) for line in open("/proc/self/status"))

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from benchmarks.latency.cases import Workload
-from edge_runtime.motion.dynamics import Preview
+from edge_runtime.motion.linear import PlanarPreview
 from edge_runtime.objectives import Objective, SpeedLimit
 from edge_runtime.policy.weights import FlowWeights
 
@@ -59,7 +59,7 @@ def make_costs(work: Workload) -> list[Cost]:
     return [_cost(o, preview, team) for o, preview in zip(guide.objectives, guide.previews, strict=True)]
 
 
-def _cost(objective: Objective, preview: Preview, team: dict[str, Tensor]) -> Cost:
+def _cost(objective: Objective, preview: PlanarPreview, team: dict[str, Tensor]) -> Cost:
     def speed(action: Tensor) -> Tensor:
         velocity = preview.velocity_decay * team["velocity_m_s"] + preview.velocity_gain * action
         excess = torch.linalg.vector_norm(velocity, dim=-1) - objective.limit_m_s + objective.buffer_m_s
@@ -75,7 +75,7 @@ def _cost(objective: Objective, preview: Preview, team: dict[str, Tensor]) -> Co
     return speed if isinstance(objective, SpeedLimit) else margin
 
 
-def _position(position: Tensor, velocity: Tensor, action: Tensor, preview: Preview) -> Tensor:
+def _position(position: Tensor, velocity: Tensor, action: Tensor, preview: PlanarPreview) -> Tensor:
     return position + preview.position_decay * velocity + preview.position_gain * action
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from edge_runtime.control.mission import Mission
+from edge_runtime.motion.model import velocity_gains
 
 FASTER: Final = 10.0
 """Times the policy's rate; it still drives at five times (`docs/first-robot-can.md`)."""
@@ -43,6 +44,6 @@ def doubts(mission: Mission) -> Iterator[str]:
 
 def _fastest_m_s(mission: Mission) -> float:
     manifest = mission.bundle.manifest
-    preview = manifest.dynamics.preview(max(1, round(_STEADY_S / manifest.dynamics.dt_s)))
-    most = max(max(abs(field.low), abs(field.high)) for field in manifest.action)
-    return preview.velocity_gain * most
+    gains = velocity_gains(manifest.motion, max(1, round(_STEADY_S / manifest.motion.dt_s)))
+    most = [max(abs(field.low), abs(field.high)) for field in manifest.action]
+    return max(gain * limit for gain, limit in zip(gains, most, strict=True))

@@ -15,6 +15,7 @@ import msgspec
 
 from edge_runtime.control.bridge import Reaction
 from edge_runtime.control.mission import Mission
+from edge_runtime.motion.model import velocity_gains
 from edge_runtime.objectives import SpeedLimit
 from edge_runtime.policy.manifest import Manifest
 
@@ -100,5 +101,11 @@ def _metres(travel: Travel) -> str:
 
 
 def _braking_m_s2(manifest: Manifest) -> float:
-    """Return what the policy's greatest action brakes with, along its weakest axis and without drag."""
-    return min(max(-field.low, field.high) for field in manifest.action) / manifest.dynamics.mass_kg
+    """Return what the policy's greatest action brakes with, along its weakest axis and without drag.
+
+    A robot whose action changes no velocity keeps none.
+    """
+    limits = [max(-field.low, field.high) for field in manifest.action]
+    gains = velocity_gains(manifest.motion, 1)
+    pushes = [gain * limit for gain, limit in zip(gains, limits, strict=True)]
+    return min((push / manifest.motion.dt_s for push in pushes if push), default=math.inf)

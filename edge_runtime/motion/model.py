@@ -1,6 +1,7 @@
 """The base of motion models: what an action does to a robot in one control step, and in several."""
 
 import functools
+import math
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
@@ -83,6 +84,13 @@ class Model(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True, t
 def preview(model: Model, steps: int) -> Preview:
     """`Model.preview`, computed once for each model and number of steps."""
     return model.preview(steps)
+
+
+def velocity_gains(model: Model, steps: int) -> list[float]:
+    """How fast a unit of each action component alone makes a robot at rest, after so many steps, in m/s."""
+    rest = (0.0,) * model.dims
+    columns = model.jacobian(RobotState(0, 0.0, rest, rest), (0.0,) * model.action_dim, steps)
+    return [math.hypot(vx, vy, *others[1:2]) for _, _, vx, vy, *others in columns]
 
 
 class LinearModel(Model, frozen=True):

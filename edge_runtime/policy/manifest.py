@@ -4,10 +4,8 @@ from typing import Literal
 
 import msgspec
 
-from edge_runtime.errors import BundleError
 from edge_runtime.motion.body import Body
-from edge_runtime.motion.dynamics import Dynamics
-from edge_runtime.motion.models import MotionModel, PointForce
+from edge_runtime.motion.models import MotionModel
 from edge_runtime.observation import Extent, ObservationField
 from edge_runtime.policy.weights import Activation
 
@@ -71,18 +69,6 @@ class Spaces:
     def extent(self) -> Extent:
         """What the sizes of observation fields depend on."""
         return Extent(self.motion.dims, self.action_dim, self.body.lidar_rays)
-
-    @property
-    def dynamics(self) -> Dynamics:
-        """The motion of a point that forces push in the plane.
-
-        Raises:
-            BundleError: if this is another one.
-        """
-        motion = self.motion
-        if not isinstance(motion, PointForce) or motion.action_dim != 2:
-            raise BundleError(f"motion.type is {motion.kind!r}, must be 'point_force' in the plane here")
-        return Dynamics(motion.mass_kg, motion.drag, motion.dt_s, motion.substeps)
 
     @property
     def observation_dim(self) -> int:

@@ -83,7 +83,7 @@ class Preferred:
     def step(self, action: Tensor) -> Transition:
         """Apply the actions (B, N, d); rewards are weighted by the preference."""
         transition = self.scenario.step(action)
-        violated = violations(self._objectives, self.facts.dynamics, *self.scenario.motion())
+        violated = violations(self._objectives, self.facts.motion, *self.scenario.motion())
         merits = torch.cat([transition.reward[..., None] / self._nominal_step, -violated], -1)
         return replace(transition, reward=(merits * self.preference[:, None]).sum(-1))
 

@@ -1,19 +1,18 @@
 """How much robots violate execution objectives right now, by the costs that guide them at run time."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
-from msgspec.structs import replace
 from torch import Tensor
 
-from edge_runtime.motion.dynamics import Dynamics, Preview
+from edge_runtime.motion.model import Model
 from edge_runtime.objectives import Objective
 from export.evaluation.objectives import evaluate_batch
 from export.evaluation.outlook import TeamBatch, look_ahead_batch
 
 
-def violations(
-    objectives: tuple[Objective, ...], dynamics: Dynamics, position: Tensor, velocity: Tensor
-) -> Tensor:
+def violations(objectives: tuple[Objective, ...], model: Model, position: Tensor, velocity: Tensor) -> Tensor:
     """Bounded violations c / (1 + c), c = sqrt(2 J), of B teams of N robots.
 
     The runtime's cost J_m is half the squared action that would cure a violation, so c is that action, in
@@ -21,7 +20,7 @@ def violations(
 
     Args:
         objectives: M of them; each costs the motion as it is, however far it looks ahead.
-        dynamics: what an action does to the motion.
+        model: how the robots move; none of them turns.
         position: (B, N, 2) in metres.
         velocity: (B, N, 2) in m/s.
 
@@ -32,12 +31,8 @@ def violations(
     team = TeamBatch.of_teams(*motion, np.zeros_like(motion[0]))
     costs = []
     for objective in objectives:
-        outlook = look_ahead_batch(team, _standing(dynamics.preview(objective.look_ahead)))
+        ahead = look_ahead_batch(team, model.preview(objective.look_ahead))
+        outlook = replace(ahead, drift=team.own, mates=team.mates)  # everybody where they are
         costs.append(evaluate_batch(objective, team.own, outlook).cost)
     cure = np.sqrt(2.0 * np.stack(costs, -1)).reshape(*position.shape[:2], -1)
     return torch.from_numpy(cure / (1.0 + cure)).to(position.device, position.dtype)
-
-
-def _standing(ahead: Preview) -> Preview:
-    """A preview that leaves everybody where they are, with the gains that scale the costs."""
-    return replace(ahead, velocity_decay=1.0, position_decay=0.0)

@@ -90,13 +90,13 @@ class World:
         )
         nonce = (lambda: next(nonces)) if nonces else itertools.count(robot_id * 2**32 + 1).__next__
         carrier = self.network.carrier(robot_id, lambda: self.clock(robot_id))
-        guide = make_guide(self.asked.get(robot_id, ObjectiveSet()), MANIFEST.dynamics)
+        guide = make_guide(self.asked.get(robot_id, ObjectiveSet()), MANIFEST.motion)
         service = OrderService(Orders(robot_id, nonce(), guide, self.guide_of), key, carrier, 1 / PERIOD_S)
         streams, clock = Streams(robot_id, None, None, key), lambda: self.clock(robot_id)
         return NetworkTeam(robot_id, others, rules, carrier, key, service, streams, clock, nonce)
 
     def guide_of(self, file, content):
-        return make_guide(parse_objective_set(content, Path(file)), MANIFEST.dynamics)
+        return make_guide(parse_objective_set(content, Path(file)), MANIFEST.motion)
 
     def clock(self, robot_id):
         return self.now_s + self.offset_s[robot_id]

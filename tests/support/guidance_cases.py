@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import (
     Clustering,
     Objective,
@@ -17,7 +17,7 @@ from edge_runtime.objectives import (
     SpeedLimit,
 )
 
-DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 
 
 OBJECTIVES = [
@@ -101,7 +101,7 @@ class Quadratic(Objective, frozen=True, kw_only=True, tag="quadratic"):
         return Slope(0.5 * (dx * dx + dy * dy), dx, dy)
 
 
-UNIT = Dynamics(mass_kg=1.0, drag=0.0, dt_s=1.0)  # from rest, p' = p + u
+UNIT = PointForce(mass_kg=1.0, drag=0.0, dt_s=1.0)  # from rest, p' = p + u
 
 
 numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)

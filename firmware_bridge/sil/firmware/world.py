@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
+from edge_runtime.errors import BundleError
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.point import PointForce
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.frames import rotate, wrap
 from firmware_bridge.simulation.plant import contact_forces
@@ -56,10 +58,10 @@ class World:
         self._ahead_m, self._period_s, self._scale_m = ahead_m, period_s, scale_m
         self._low = np.array([[field.low for field in manifest.action] for manifest in manifests])
         self._high = np.array([[field.high for field in manifest.action] for manifest in manifests])
-        dynamics = [manifest.dynamics.at_period(period_s) for manifest in manifests]
-        self._keep = np.array([[1.0 - one.drag] for one in dynamics])
-        self._mass_kg = np.array([[one.mass_kg] for one in dynamics])
-        self._substeps = max(one.substeps for one in dynamics)
+        pushed = [_pushed(manifest).at_period(period_s) for manifest in manifests]
+        self._keep = np.array([[1.0 - one.drag] for one in pushed])
+        self._mass_kg = np.array([[one.mass_kg] for one in pushed])
+        self._substeps = max(one.substeps for one in pushed)
 
     def step(self, motions: Sequence[Vector2]) -> None:
         """Advance one period while each robot follows (forward m/s, yaw rad/s); the model of `Plant`."""
@@ -95,3 +97,13 @@ class World:
         distances: Floats = np.hypot(apart[..., 0], apart[..., 1])
         np.fill_diagonal(distances, math.inf)
         return distances
+
+
+def _pushed(manifest: Manifest) -> PointForce:
+    motion = manifest.motion
+    if not isinstance(motion, PointForce) or motion.action_dim != 2:
+        raise BundleError(
+            f"{manifest.name}: motion.type is {motion.kind!r}, must be 'point_force' in the plane, which the "
+            "harness's firmware follows"
+        )
+    return motion

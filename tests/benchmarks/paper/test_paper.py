@@ -31,7 +31,7 @@ from benchmarks.paper.tuning import Tried, chosen, read_tuned
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
 from export.evaluation.guidance import action_slopes
@@ -40,7 +40,7 @@ from export.evaluation.outlook import look_ahead_batch
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING
 from export.scenarios.scenario import Transition
 
-DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 SETTINGS = Guided(guidance=GuidanceSettings(scale=0.3, reach=0.5, start_noise=0.5), deconfliction=True)
 
 

@@ -58,9 +58,9 @@ def test_each_robot_runs_its_own_policy(mission_of, tmp_path):
 
 def test_its_own_dynamics_reach_preview_and_guide(mission_of):
     mission, unchanged = mission_of(1), mission_of(0)
-    dynamics = mission.bundle.manifest.dynamics
+    dynamics = mission.bundle.manifest.motion
     assert (dynamics.mass_kg, dynamics.drag) == (2.5, 0.5)
-    assert unchanged.bundle.manifest.dynamics.mass_kg != 2.5
+    assert unchanged.bundle.manifest.motion.mass_kg != 2.5
     controller = mission.controller(1)
     expected = mission.bundle.manifest.motion.at_period(mission.period_s).preview(1)
     assert controller.limits.preview == expected

@@ -11,13 +11,13 @@ from edge_runtime.control.monitor import WAITS, Monitor
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 COMMAND = Command(0, 0, 0.0, (0.0, 0.0), (0.0, 0.0))
 FIRST = ObjectiveSet((SpeedLimit(limit_m_s=0.3), SafetyMargin(distance_m=0.25)))
 OTHER = ObjectiveSet((SpeedLimit(limit_m_s=0.2), SafetyMargin(distance_m=0.4)))
-GUIDE = replace(make_guide(OTHER, Dynamics(1.0, 0.25, 0.1, 2)), version=1)
+GUIDE = replace(make_guide(OTHER, PointForce(1.0, 0.25, 0.1, 2)), version=1)
 
 
 @pytest.fixture

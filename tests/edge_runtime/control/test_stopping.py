@@ -63,7 +63,7 @@ def test_it_brakes_as_its_profile_says_or_as_its_actions_can():
     assert stopping(mission(), 1.0, REACTION).deceleration_m_s2 == 2.0
     own = msgspec.structs.replace(REACTION, deceleration_m_s2=None)
     manifest = packaged_bundle("navigation").manifest
-    expected = manifest.action[0].high / manifest.dynamics.mass_kg
+    expected = manifest.action[0].high / manifest.motion.mass_kg
     assert stopping(mission(), 1.0, own).deceleration_m_s2 == pytest.approx(expected)
 
 

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
+from edge_runtime.motion.point import PointForce
 from edge_runtime.motion.range_sensor import APART, EXPLAINED_M
 from edge_runtime.objectives import ObstacleMargin
 
@@ -87,8 +87,8 @@ def test_a_reading_below_zero_is_at_the_robot():
 
 
 def test_the_cost_is_half_the_squared_action_that_restores_the_margin():
-    dynamics, objective = Dynamics(1.0, 0.0, 0.1), ObstacleMargin(distance_m=0.3, buffer_m=0.0, look_ahead=1)
-    preview = dynamics.preview(1)
+    objective = ObstacleMargin(distance_m=0.3, buffer_m=0.0, look_ahead=1)
+    preview = PointForce(1.0, 0.0, 0.1).preview(1)
     outlook = look_ahead(TeamState(state(0, (0.0, 0.0))), preview, ((0.2, 0.0),))
     slope = objective.evaluate(outlook.drift, outlook)
     assert slope.cost == pytest.approx(0.5 * (0.1 / preview.position_gain) ** 2)

@@ -10,12 +10,12 @@ from literal_dynamics import drive
 from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import Clustering, Geofence, Slope
 from edge_runtime.objectives.gradient_check import check_gradient
 
-DYNAMICS = Dynamics(mass_kg=1.0, drag=0.25, dt_s=0.1)
+DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1)
 FENCE = Geofence(centre_m=(0.1, -0.05), radius_m=0.3)
 CLUSTER = Clustering(radius_m=0.3)
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from torch.nn.functional import huber_loss
 
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import PredictedMotion, look_ahead
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import BUILT_IN, Passing, Slope, Spacing, SpatialOrder
 from edge_runtime.objectives.gradient_check import check_gradient
 
-DYNAMICS = Dynamics(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
+DYNAMICS = PointForce(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
 OBJECTIVES = [
     SpatialOrder(order=(1, 0, 3, 2, 4, 5), gap_m=0.08),
     SpatialOrder(order=(2, 0, 1), gap_m=0.3, pull=20.0, look_ahead=1),

@@ -8,8 +8,8 @@ import pytest
 
 from edge_runtime.errors import GradientError
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
 from edge_runtime.motion.outlook import look_ahead
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import BUILT_IN, Objective, ObstacleMargin, SafetyMargin, Slope, SpeedLimit
 from edge_runtime.objectives.gradient_check import check_gradient
 
@@ -56,7 +56,7 @@ def test_the_checker_finds_mistakes(objective, complaint):
 
 
 def test_speed_cost_is_the_action_that_cures_it():
-    dynamics = Dynamics(mass_kg=2.0, drag=0.1, dt_s=0.05)
+    dynamics = PointForce(mass_kg=2.0, drag=0.1, dt_s=0.05)
     state = RobotState(0, 0.0, (0.0, 0.0), (1.0, 0.0))
     outlook = look_ahead(TeamState(state), dynamics.preview(1))
     slope = SpeedLimit(limit_m_s=0.5, buffer_m_s=0.0).evaluate(outlook.drift, outlook)
@@ -69,7 +69,7 @@ def test_coincident_robots_are_driven_apart_by_their_order():
     def slope(own, other):
         mate = Teammate(RobotState(other, 0.0, (0.0, 0.0), (0.0, 0.0)))
         team = TeamState(RobotState(own, 0.0, (0.0, 0.0), (0.0, 0.0)), (mate,))
-        outlook = look_ahead(team, Dynamics(mass_kg=1.0, drag=0.0, dt_s=0.1).preview(1))
+        outlook = look_ahead(team, PointForce(mass_kg=1.0, drag=0.0, dt_s=0.1).preview(1))
         return SafetyMargin(distance_m=0.2, look_ahead=1).evaluate(outlook.drift, outlook)
 
     assert slope(1, 2).d_x == -slope(2, 1).d_x != 0.0
@@ -97,7 +97,7 @@ def test_bad_values_are_refused(wrong, complaint):
 def test_inactive_objectives_have_no_slope():
     margin = SafetyMargin(distance_m=0.2)
     alone = look_ahead(
-        TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))), Dynamics(1.0, 0.0, 0.1).preview(3)
+        TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))), PointForce(1.0, 0.0, 0.1).preview(3)
     )
     assert margin.evaluate(alone.drift, alone) == Slope(0.0)
     assert not np.any(SpeedLimit(limit_m_s=1.0).evaluate(alone.drift, alone))

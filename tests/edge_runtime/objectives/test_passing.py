@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.messages import RobotState, Teammate, TeamState
-from edge_runtime.motion.dynamics import Dynamics
+from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import Passing, SpatialOrder
 
-DYNAMICS = Dynamics(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
+DYNAMICS = PointForce(mass_kg=1 / 0.7, drag=0.25, dt_s=0.1)
 RADIUS_M = 0.03
 ORDER = SpatialOrder(order=(1, 0), gap_m=0.08, pull=2.0)
 STILL = gaussian_flow(0.1, np.zeros(2), 5)

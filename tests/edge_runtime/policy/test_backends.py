@@ -43,7 +43,7 @@ def play(task, bundle, policy, mode):
     """What the robots of one episode knew and decided at each step, and its outcome."""
     world = make_scenario(task.name, 1, 4, torch.device("cpu"), training=False)
     robots = world.facts.robots
-    guide = make_guide(ObjectiveSet(task.objectives, GuidanceSettings(mode=mode)), bundle.manifest.dynamics)
+    guide = make_guide(ObjectiveSet(task.objectives, GuidanceSettings(mode=mode)), bundle.manifest.motion)
     draw, judge, steps = np.random.default_rng(0), task.judge(1), []
     action = np.zeros((robots, 2))
     for _ in range(STEPS):

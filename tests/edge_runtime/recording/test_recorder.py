@@ -168,7 +168,7 @@ def test_objectives_exchanged_in_a_run_are_in_its_log(tmp_path):
     mission = Mission(0, fleet, packaged_bundle("navigation"), fleet.objective_set, 100.0)
     controller, grid, timing = mission.controller(0), DeadlineGrid(0.01), TimingRecord(STAGES)
     slower = replace(fleet.objective_set, objectives=(SpeedLimit(limit_m_s=0.05),))
-    guides = [controller.guide, replace(make_guide(slower, mission.bundle.manifest.dynamics), version=7)]
+    guides = [controller.guide, replace(make_guide(slower, mission.bundle.manifest.motion), version=7)]
     with Recorder(
         LogPlan(str(tmp_path), run_name(1, "20260101T000000Z", 0, 1), 10**8, 60.0, 10**9)
     ) as recorder:

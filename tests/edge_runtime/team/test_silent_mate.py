@@ -35,7 +35,7 @@ class Arena(World):
             0, replace(fleet, robots=robots), packaged_bundle("navigation"), fleet.objective_set, 1 / PERIOD_S
         )
         self.controllers = {robot.id: mission.controller(robot.id) for robot in robots}
-        self.preview = mission.bundle.manifest.dynamics.at_period(PERIOD_S).preview(1)
+        self.preview = mission.bundle.manifest.motion.at_period(PERIOD_S).preview(1)
         self.position, self.velocity = starts, dict.fromkeys(starts, (0.0, 0.0))
 
     def own(self, robot_id):

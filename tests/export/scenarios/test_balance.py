@@ -130,9 +130,9 @@ def test_dynamics_of_the_manifest_predict_vmas():
     action = torch.rand(1, ROBOTS, 2) * 2 - 1
     for _ in range(4):
         scenario.step(action)
-    preview = FACTS.dynamics.preview(4)
+    preview = FACTS.motion.preview(4)
     # Gravity, which the manifest leaves out, acts as one more force on each robot.
-    force = action - FACTS.dynamics.mass_kg * torch.tensor([0.0, GRAVITY_M_S2])
+    force = action - FACTS.motion.mass_kg * torch.tensor([0.0, GRAVITY_M_S2])
     velocity = preview.velocity_decay * state["velocity"] + preview.velocity_gain * force
     position = state["position"] + preview.position_decay * state["velocity"] + preview.position_gain * force
     for predicted, reached in zip((position, velocity), scenario.motion(), strict=True):

@@ -54,7 +54,7 @@ def test_dynamics_of_the_manifest_predict_vmas():
     action = torch.rand(64, 4, 2) * 2 - 1
     for _ in range(3):
         scenario.step(action)
-    after, preview = scenario.state_dict(), FACTS.dynamics.preview(3)
+    after, preview = scenario.state_dict(), FACTS.motion.preview(3)
     velocity = preview.velocity_decay * before["velocity"] + preview.velocity_gain * action
     position = (
         before["position"] + preview.position_decay * before["velocity"] + preview.position_gain * action

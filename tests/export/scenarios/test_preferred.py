@@ -44,10 +44,10 @@ def test_violations_by_hand():
     """Robot 0 speeds, 1 and 2 stand too close together, 3 does nothing wrong."""
     position = torch.tensor([[[-0.8, 0.0], [0.0, 0.0], [0.22, 0.0], [0.9, 0.9]]])
     velocity = torch.tensor([[[0.3, 0.4], [0.0, 0.0], [0.0, 0.0], [0.2, 0.0]]])
-    found = violations((SPEED, MARGIN), FACTS.dynamics, position, velocity)
+    found = violations((SPEED, MARGIN), FACTS.motion, position, velocity)
     # One step of 0.1 s takes 1 N to 0.1 m/s; both objectives begin a buffer before their limits.
     speeding = bounded((0.5 - SPEED.limit_m_s + SPEED.buffer_m_s) / 0.1)
-    reach = FACTS.dynamics.preview(MARGIN.look_ahead).position_gain
+    reach = FACTS.motion.preview(MARGIN.look_ahead).position_gain
     close = bounded((MARGIN.distance_m + MARGIN.buffer_m - 0.22) / reach)
     torch.testing.assert_close(
         found, torch.tensor([[[speeding, 0.0], [0.0, close], [0.0, close], [0.0, 0.0]]])

@@ -88,7 +88,7 @@ def test_motion_is_what_the_policy_observes_of_itself():
 
 def test_dynamics_of_the_manifest_predict_vmas():
     scenario = sampling(training=True)
-    (start, speed), preview = scenario.motion(), FACTS.dynamics.preview(4)
+    (start, speed), preview = scenario.motion(), FACTS.motion.preview(4)
     action = torch.rand(64, 3, 2) * 2 - 1
     free = torch.ones(64, dtype=torch.bool)
     for _ in range(4):

@@ -43,12 +43,12 @@ def test_the_disc_takes_the_velocity_that_the_base_was_told(heading, wanted):
 
 def test_no_command_accelerates_beyond_the_manifests_limits():
     world = make((0.0, 0.0))
-    most = max(field.high for field in MANIFEST.action) * PERIOD_S / MANIFEST.dynamics.mass_kg
+    most = max(field.high for field in MANIFEST.action) * PERIOD_S / MANIFEST.motion.mass_kg
     before = np.zeros(2)
     for step in range(50):
         world.step([(100.0 * (-1) ** (step // 10), 30.0)])
         after = world.velocity_m_s[0].copy()
-        assert np.abs(after - (1 - MANIFEST.dynamics.at_period(PERIOD_S).drag) * before).max() <= most * 1.001
+        assert np.abs(after - (1 - MANIFEST.motion.at_period(PERIOD_S).drag) * before).max() <= most * 1.001
         before = after
 
 

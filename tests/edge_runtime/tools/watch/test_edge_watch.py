@@ -141,7 +141,7 @@ def test_objectives_that_are_exchanged_are_told(sender, fleet, tmp_path):
         slower = tmp_path / "slower.toml"
         slower.write_text(fleet.read_text().replace("0.3", "0.1"))
         asked = load_fleet(slower).objective_set
-        robot.adopt(replace(make_guide(asked, MANIFEST.dynamics), version=7))
+        robot.adopt(replace(make_guide(asked, MANIFEST.motion), version=7))
         robot.tell(TEAM, GUIDED, COMMAND)
         told = decode(receiver.recv(8192), KEY)
     assert (told.objectives_version, told.speed_limit_m_s, told.objectives[0].limit) == (7, 0.1, "0.1 m/s")
