@@ -7,7 +7,7 @@ import msgspec
 from msgspec.structs import asdict
 
 from edge_runtime.common.regular_file import BYTE_ORDER_MARK
-from edge_runtime.common.toml_file import to_record
+from edge_runtime.common.toml_file import refuse, to_record
 from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.motion.models import PointForce
 from edge_runtime.observation import (
@@ -85,6 +85,8 @@ def read_manifest(encoded: bytes, path: Path) -> Manifest:
 def _second(table: dict[str, Any], path: Path) -> dict[str, Any]:
     """The table of a manifest of format 1 in the words of format 2."""
     first = to_record(table, _First, path)
+    if "motion" in table:
+        refuse(path, "motion", f"unknown key in {FIRST_FORMAT}; allowed: dynamics")
     rest = {name: value for name, value in table.items() if name not in ("observation", "dynamics", "format")}
     motion = PointForce(**asdict(first.dynamics))
     observation = tuple(field.with_source() for field in first.observation)
