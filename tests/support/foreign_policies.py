@@ -1,7 +1,9 @@
 """Four policies of somebody else's: velocity fields that plain PyTorch fits in seconds, and their facts.
 
-Each imitates a few lines of steering by conditional flow matching: a_tau = (1 - tau) a_0 + tau a_1 with a_0
-from N(0, 1) and a_1 the steering with a little noise, the field fitted to a_1 - a_0.
+Each imitates a few lines of steering by flow matching: a_tau = (1 - tau) a_0 + tau a_1, with a_0 from N(0, 1)
+and a_1 from N(m, s^2) around the steering m. The field is fitted to E[a_1 - a_0 | a_tau], which is known,
+
+    v = m + k (a_tau - tau m),   k = (tau s^2 - (1 - tau)) / ((1 - tau)^2 + tau^2 s^2).
 """
 
 import warnings
@@ -11,8 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-NOISE, WIDTH, STEPS, BATCH = 0.03, 64, 1500, 1024
-REACH_M, CLEARANCE_M = 2.5, 0.45
+SPREAD, WIDTH, STEPS, BATCH, RATE = 0.2, 96, 3000, 512, 2e-2
+REACH_M, CLEARANCE_M, SPEED_M_S = 2.0, 0.3, 0.35
 
 
 class Policy(NamedTuple):
@@ -42,16 +44,16 @@ def fitted(policy, seed=0):
     torch.manual_seed(seed)
     sample = policy.observe(generator, 2)
     field = Field(policy.steer(sample).shape[1], sample.shape[1])
-    optimiser = torch.optim.Adam(field.parameters(), lr=3e-3)
+    optimiser = torch.optim.Adam(field.parameters(), lr=RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, STEPS)
     for _ in range(STEPS):
         observation = policy.observe(generator, BATCH)
-        end = policy.steer(observation)
-        end = end + NOISE * torch.randn(end.shape, generator=generator)
-        start, tau = torch.randn(end.shape, generator=generator), torch.rand(BATCH, 1, generator=generator)
-        velocity = field(torch.lerp(start, end, tau), tau, observation)
+        mean, tau = policy.steer(observation), torch.rand(BATCH, 1, generator=generator)
+        variance = (1 - tau).square() + (tau * SPREAD).square()
+        aside = variance.sqrt() * torch.randn(mean.shape, generator=generator)
+        wanted = mean + (tau * SPREAD**2 - (1 - tau)) / variance * aside
         optimiser.zero_grad()
-        (velocity - (end - start)).square().mean().backward()
+        (field(tau * mean + aside, tau, observation) - wanted).square().mean().backward()
         optimiser.step()
         schedule.step()
     return field.eval()
@@ -93,16 +95,17 @@ def _mates(generator, count, mates, dims):
     return [(offsets * there[..., None]).flatten(1), there.float()]
 
 
-def _short(vector, most):
-    return vector * (most / vector.norm(dim=-1, keepdim=True).clamp_min(1e-6)).clamp_max(1.0)
+def _towards(offset):
+    """A velocity against an offset, slower where that is short."""
+    return -SPEED_M_S * offset / (offset.square().sum(-1, keepdim=True) + 0.3**2).sqrt()
 
 
 def _push(offsets, there, dims, sideways=0.7):
     """Away from teammates that are near, and past them on one side."""
     offsets = offsets.view(len(offsets), -1, dims)
-    distance = offsets.norm(dim=-1, keepdim=True).clamp_min(1e-3)
-    near = (1.0 - distance / CLEARANCE_M).clamp_min(0.0) * there[..., None]
-    away = offsets / distance
+    square = offsets.square().sum(-1, keepdim=True)
+    near = (-square / (2 * CLEARANCE_M**2)).exp() * there[..., None]
+    away = offsets / CLEARANCE_M
     aside = torch.cat([-away[..., 1:2], away[..., :1], 0 * away[..., 2:]], -1)
     return (near * (away + sideways * aside)).sum(1)
 
@@ -139,7 +142,7 @@ def _observe_glider(generator, count):
 
 def _steer_glider(seen):
     goal, sine, cosine, mates, there = seen[:, :2], seen[:, 2:3], seen[:, 3:4], seen[:, 4:8], seen[:, 8:]
-    forward = _short(-1.2 * goal, 0.5) + 0.5 * _push(mates, there, 2)
+    forward = _towards(goal) + 0.5 * _push(mates, there, 2)
     turn = -1.5 * goal[:, 1:2] / goal.norm(dim=-1, keepdim=True).clamp_min(0.3)
     return torch.cat([_turned(forward, sine, cosine), turn], 1)
 
@@ -164,7 +167,7 @@ def _observe_roller(generator, count):
 
 def _steer_roller(seen):
     goal, mates, there = seen[:, :2], seen[:, 2:6], seen[:, 6:]
-    wanted = _short(-1.2 * goal, 0.5) + 0.4 * _push(mates, there, 2)
+    wanted = _towards(goal) + 0.4 * _push(mates, there, 2, sideways=1.5)
     speed = wanted[:, :1].clamp(0.0, 0.5)
     turn = (2.5 * wanted[:, 1:2] / wanted.norm(dim=-1, keepdim=True).clamp_min(0.15)).clamp(-2.0, 2.0)
     return torch.cat([speed, turn], 1)
@@ -175,7 +178,7 @@ ROLLER = Policy(
         '{ source = "goal_offset", frame = "body" }, '
         '{ source = "teammate_offsets", count = 2, frame = "body" }, '
         '{ source = "teammates_present", count = 2 }',
-        [("v", "m/s", 1.0), ("omega", "rad/s", 2.5)],
+        [("v", "m/s", 0.6), ("omega", "rad/s", 2.5)],
         'type = "unicycle"',
     ),
     _observe_roller,
@@ -193,7 +196,7 @@ def _observe_disc(generator, count):
 
 def _steer_disc(seen):
     goal, velocity, cosine, turning = seen[:, :2], seen[:, 2:4], seen[:, 5:6], seen[:, 6:7]
-    push = _short(-1.2 * goal, 0.5) + 0.5 * _push(seen[:, 7:11], seen[:, 11:], 2) - velocity
+    push = _towards(goal) + 0.5 * _push(seen[:, 7:11], seen[:, 11:], 2) - velocity
     return torch.cat([2.0 * push, 2.0 * cosine - 1.5 * turning], 1)
 
 
@@ -217,9 +220,10 @@ def _observe_drone(generator, count):
 
 def _steer_drone(seen):
     goal, velocity = seen[:, :3], seen[:, 3:6]
-    climb = 0.5 * goal[:, :2].norm(dim=-1, keepdim=True).clamp_max(1.0)
+    away = goal[:, :2].square().sum(-1, keepdim=True)
+    climb = 0.5 * away / (away + 0.2)
     wanted = torch.cat([-goal[:, :2], climb - goal[:, 2:]], -1)
-    return 2.0 * (_short(1.2 * wanted, 0.5) + 0.5 * _push(seen[:, 6:15], seen[:, 15:], 3) - velocity)
+    return 2.0 * (_towards(-wanted) + 0.5 * _push(seen[:, 6:15], seen[:, 15:], 3) - velocity)
 
 
 DRONE = Policy(
