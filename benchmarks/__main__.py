@@ -22,6 +22,7 @@ COMMANDS = {
     "rate": "benchmarks.rate",
     "recording": "benchmarks.recording.recording_command",
     "sil": "benchmarks.sil.sil_command",
+    "tasks": "benchmarks.paper.driven",
 }
 
 
