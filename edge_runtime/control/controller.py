@@ -82,6 +82,10 @@ class Controller:
         """All stages at once, without a deadline."""
         return self.limit(self.act(self.observe(team), team), team, now_s)
 
+    def succeed(self, before: "Controller") -> None:
+        """Go on where another controller of the same robot ends: its newest command, its time."""
+        self.command, self._first_s = before.command, before._first_s
+
     def rehearse(self) -> None:
         """Compute a tick to throw away, which leaves no trace: it wakes the processor and its caches.
 

@@ -86,6 +86,10 @@ class Monitor:
         self.stop_reason = WAITS
         self.faults[WAITS] += 1
 
+    def take_over(self, euler_steps: int) -> None:
+        """Judge samples of another policy from now on, by the number of steps of a complete one."""
+        self._euler_steps = euler_steps
+
     def judge_anew(self, guide: Guide, now_s: float) -> None:
         """Begin to judge by other objectives, which hold from now on: after `SETTLE_S`."""
         self.judged.append(Judging(guide.asked, guide.version, now_s + SETTLE_S))

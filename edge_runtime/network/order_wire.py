@@ -19,7 +19,8 @@ _BODY_BYTES: Final = FILE_BYTES + 1024
 PACKET_BYTES: Final = MAGIC_BYTES + _BODY_BYTES + TAG_BYTES
 """Longest packet."""
 
-Stage = Literal["none", "checking", "accepted", "refused", "committed", "applied"]
+Size = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+Stage = Literal["none", "receiving", "checking", "accepted", "refused", "committed", "applied"]
 
 
 class Order(msgspec.Struct, frozen=True, tag_field="order"):
@@ -46,6 +47,28 @@ class Propose(Order, frozen=True, tag="propose", kw_only=True):
     file: Annotated[str, msgspec.Meta(max_length=255)]
     """Name of the objectives file, for messages."""
     content: Annotated[bytes, msgspec.Meta(max_length=FILE_BYTES)]
+
+
+class Offer(Order, frozen=True, tag="offer", kw_only=True):
+    """Asks whether the robot would run a signed policy whose files follow in chunks; nothing changes yet."""
+
+    version: Annotated[int, msgspec.Meta(ge=1, lt=2**32)]
+    """Of what the team follows, as in `Propose`; the policy's own is in its signature."""
+    files: Annotated[
+        tuple[tuple[Annotated[str, msgspec.Meta(max_length=64)], Size], ...], msgspec.Meta(max_length=8)
+    ]
+    """Names and sizes in bytes, in the order in which they are sent."""
+
+
+class Chunk(Order, frozen=True, tag="chunk", kw_only=True):
+    """The next bytes of the files that this session offers, which are sent as one stream."""
+
+    offset: Size
+    content: Annotated[bytes, msgspec.Meta(max_length=FILE_BYTES)]
+
+
+class Halt(Order, frozen=True, tag="halt"):
+    """Commands rest for as long as the session goes on asking: policies are exchanged at standstill."""
 
 
 class Commit(Order, frozen=True, tag="commit", kw_only=True):
@@ -89,9 +112,16 @@ class Standing(msgspec.Struct, frozen=True):
     """The run ends, by an operator's order."""
     follows: str = ""
     """What the objectives that it follows ask for, in words."""
+    received: int = 0
+    """Bytes of the offered files that have come without a gap."""
+    at_rest: bool = False
+    """Whether it was told to rest, and rests."""
+    policy: str = ""
+    """The name of what it runs, and the beginning of its manifest's digest."""
 
 
-_order_decoder = msgspec.msgpack.Decoder(Ask | Propose | Commit | Abort | Stop)
+AnyOrder = Ask | Propose | Offer | Chunk | Halt | Commit | Abort | Stop
+_order_decoder = msgspec.msgpack.Decoder(AnyOrder)
 _answer_decoder = msgspec.msgpack.Decoder(Standing)
 
 
@@ -105,7 +135,7 @@ def encode_answer(standing: Standing, key: bytes) -> bytes:
     return seal(Magic.ANSWER, msgspec.msgpack.encode(standing), key)
 
 
-def decode_order(packet: bytes, key: bytes) -> Ask | Propose | Commit | Abort | Stop:
+def decode_order(packet: bytes, key: bytes) -> AnyOrder:
     """Read an order.
 
     Raises:

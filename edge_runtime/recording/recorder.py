@@ -25,8 +25,8 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, TeamState
 from edge_runtime.recording.flags import make_log_plan
-from edge_runtime.recording.schema import End
-from edge_runtime.recording.start import logged_set, make_start
+from edge_runtime.recording.schema import BundleIdentity, End
+from edge_runtime.recording.start import identify, logged_set, make_start
 from edge_runtime.recording.wire import (
     PACKET_BYTES,
     Complaint,
@@ -65,6 +65,7 @@ class Recorder:
         self._plan = plan
         self._number = self._lost = 0
         self._followed: Guide | None = None
+        self._bundle: BundleIdentity | None = None
         self._observation: Array | None = None
         self._packet = tick_packet()
 
@@ -116,6 +117,10 @@ class Recorder:
         start = make_start(mission, controller, self._plan.run, bridge=bridge, dry_run=dry_run)
         self._send(encode_packet(start))
 
+    def take_over(self, mission: Mission, controller: Controller) -> None:
+        """Take the ticks of another controller from now on; its policy is told with the objectives."""
+        self._controller, self._followed, self._bundle = controller, None, identify(mission)
+
     def record(
         self,
         deadline_s: float,
@@ -126,7 +131,7 @@ class Recorder:
     ) -> None:
         """Hand over one tick, or count it as lost."""
         controller, guide = self._controller, self._controller.guide
-        if guide is not self._followed and self._send(encode_packet(logged_set(guide))):
+        if guide is not self._followed and self._send(encode_packet(logged_set(guide, self._bundle))):
             self._followed = guide
         if observation is not self._observation:  # its memory is used again and again
             self._observation, self._seen = observation, observation.data.cast("B")

@@ -202,6 +202,8 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     start_noise: float
     """Deviation of the flow's start."""
     objectives: tuple[LoggedObjective, ...]
+    bundle: BundleIdentity | None = None
+    """The policy from here on, if it was handed over under way; None for the one of the start."""
 
     def __post_init__(self) -> None:
         if len(self.objectives) > MOST_OBJECTIVES:

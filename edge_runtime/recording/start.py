@@ -46,14 +46,14 @@ def make_start(mission: Mission, controller: Controller, run: str, *, bridge: st
         started_s=monotonic_s,
         versions=Versions(metadata.version("cfpg-edge"), platform.python_version(), np.__version__),
         machine=_machine(),
-        bundle=_bundle(mission),
+        bundle=identify(mission),
         fleet=_fleet(mission),
         settings=_settings(mission, controller, bridge=bridge, dry_run=dry_run),
     )
 
 
-def logged_set(guide: Guide) -> LoggedObjectiveSet:
-    """Describe the objectives in force."""
+def logged_set(guide: Guide, bundle: BundleIdentity | None = None) -> LoggedObjectiveSet:
+    """Describe the objectives in force, and the policy if it was handed over under way."""
     guidance, wanted = guide.asked.guidance, guide.asked.objectives
     active = {id(objective) for objective in guide.objectives}
     return LoggedObjectiveSet(
@@ -63,6 +63,7 @@ def logged_set(guide: Guide) -> LoggedObjectiveSet:
         reach=guidance.reach,
         start_noise=guide.start_noise,
         objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
+        bundle=bundle,
     )
 
 
@@ -85,7 +86,8 @@ def _machine() -> Machine:
     return Machine(platform.node(), processor(), os.cpu_count() or 0, platform.release())
 
 
-def _bundle(mission: Mission) -> BundleIdentity:
+def identify(mission: Mission) -> BundleIdentity:
+    """Name the policy of a mission."""
     bundle, manifest = mission.bundle, mission.bundle.manifest
     return BundleIdentity(
         manifest.name,

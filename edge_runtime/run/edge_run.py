@@ -68,7 +68,7 @@ def _open(
         enter_realtime()  # before the bridge opens: its guard process inherits it
     local = bridge if BRIDGES[flags.bridge].simulated else Alone()
     # Entered last, left first: the robot is stopped before it leaves its team.
-    fleet = opening.enter_context(open_fleet(mission, local))
+    fleet = opening.enter_context(open_fleet(mission, local, bridge.max_speed_m_s))
     opening.enter_context(bridge)
     if not flags.dry_run:
         note_run(mission.bundle, mission.fleet, mission.robot_id)

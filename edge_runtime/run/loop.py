@@ -3,11 +3,13 @@
 import contextlib
 import math
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from edge_runtime.common.command_line import complain
 from edge_runtime.common.realtime import EarlyWake, freeze_garbage
 from edge_runtime.common.signals import Overdue, StopSignals
 from edge_runtime.control.bridge import Bridge
@@ -16,11 +18,13 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
 from edge_runtime.control.stopping import stopping
+from edge_runtime.control.trust import note_run
 from edge_runtime.errors import BridgeError, EdgeError
 from edge_runtime.guidance.slope_check import SlopeCheck
 from edge_runtime.recording.recorder import Recorder
 from edge_runtime.run.console import LiveLine
 from edge_runtime.run.run_report import RunReport, make_report
+from edge_runtime.team.handover import Takeover
 from edge_runtime.team.membership import TeamLink
 from edge_runtime.telemetry.status_sender import Watch, open_watch
 
@@ -33,10 +37,11 @@ HOLD_S: Final = 1.0
 """The run ends when all robots have been at their goals for this long."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Session:
-    """What the loop works with."""
+    """What the loop works with; a policy that is handed over exchanges mission and controller."""
 
+    mission: Mission
     controller: Controller
     grid: DeadlineGrid
     timing: TimingRecord
@@ -47,10 +52,30 @@ class Session:
     """Samples the slopes of own objectives; nobody does where None."""
     dry_run: bool
 
+    def take_over(self, takeover: Takeover | None) -> None:
+        """Run the policy that was handed over, if that has not happened yet."""
+        if takeover is None or takeover.controller is self.controller:
+            return
+        takeover.controller.succeed(self.controller)
+        self.mission, self.controller = takeover.mission, takeover.controller
+        self.monitor.take_over(self.controller.policy.euler_steps)
+        if self.recorder:
+            self.recorder.take_over(self.mission, self.controller)
+        if not self.dry_run:  # a disk's time is not the loop's
+            threading.Thread(target=_note, args=(self.mission,), daemon=True).start()
+
+
+def _note(mission: Mission) -> None:
+    """Remember which version is run; a disk that takes nothing stops no robot."""
+    try:
+        note_run(mission.bundle, mission.fleet, mission.robot_id)
+    except EdgeError as error:
+        complain("edge-run", str(error))
+
 
 def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[], str]) -> str:
     """Run the control loop until ``ending`` gives a reason, and return it."""
-    controller, grid, timing, monitor = session.controller, session.grid, session.timing, session.monitor
+    grid, timing, monitor = session.grid, session.timing, session.monitor
     told = 0
     while not (reason := ending()):
         deadline_s = grid.wait()
@@ -61,9 +86,11 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
             continue
         team = fleet.team(own)
         if guide := fleet.new_guide():
-            controller.guide = guide
+            session.take_over(fleet.takeover())
+            session.controller.guide = guide
             session.watch.adopt(guide)
             monitor.judge_anew(guide, own.stamp_s)
+        controller = session.controller
         timing.lap()
         observation = controller.observe(team)
         timing.lap()
@@ -121,7 +148,7 @@ def run(
         What the run came to; ``failed`` where the link, the policy or the team ended it.
     """
     session = _prepare(mission, controller, bridge, early_wake_s, recorder, dry_run=dry_run)
-    session = replace(session, slopes=SlopeCheck() if check_gradients else None)
+    session.slopes = SlopeCheck() if check_gradients else None
     monitor, grid = session.monitor, session.grid
 
     def over() -> str:
@@ -142,7 +169,8 @@ def run(
         except (EdgeError, Overdue) as error:
             reason = failure = str(error)
         watch.end(reason)
-    driven = replace(mission, objective_set=controller.guide.asked)
+    controller = session.controller
+    driven = replace(session.mission, objective_set=controller.guide.asked)
     return make_report(
         driven,
         monitor,
@@ -177,4 +205,4 @@ def _prepare(
     if recorder:
         recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
     watch = open_watch(mission, monitor, grid, timing)
-    return Session(controller, grid, timing, monitor, watch, recorder, None, dry_run)
+    return Session(mission, controller, grid, timing, monitor, watch, recorder, None, dry_run)

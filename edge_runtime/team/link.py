@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import msgspec
 from msgspec.structs import replace
@@ -14,11 +15,15 @@ from edge_runtime.network.seal import DOUBTS, FrameError, Magic, Refusal
 from edge_runtime.network.session import random_nonce
 from edge_runtime.network.team_wire import decode, encode
 from edge_runtime.network.udp import Carrier
+from edge_runtime.team.handover import Takeover
 from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.peer import Peer
 from edge_runtime.team.report import FleetReport, Traffic
 from edge_runtime.team.streams import Streams
 from edge_runtime.team.tick import TeamTick
+
+REST_M_S: Final = 0.05
+"""Slower is at rest: no odometry says zero."""
 
 
 class TeamRules(msgspec.Struct, frozen=True):
@@ -115,6 +120,10 @@ class NetworkTeam(Closing):
         changed, self._new_guide = self._new_guide, False
         return self._orders.guide if changed else None
 
+    def takeover(self) -> Takeover | None:
+        """Return the policy that was handed over last; None if none was."""
+        return self._orders.takeover
+
     def team(self, own: RobotState) -> TeamState:
         """Return this tick's view of the team."""
         now, rules = self._clock(), self._rules
@@ -131,7 +140,8 @@ class NetworkTeam(Closing):
         silent = tuple(_at_rest(mate) for mate in near if mate.age_s > rules.stale_s)
         self._traffic.masked.update(mate.state.robot_id for mate in silent)
         used.sort(key=lambda mate: mate.state.robot_id)
-        fault = self.stop_reason or self._streams.fault(now) or self._fault(heard, near, unheard)
+        fault = self.stop_reason or self._orders.pause(now)
+        fault = fault or self._streams.fault(now) or self._fault(heard, near, unheard)
         streams = self._streams
         tracked, readings = streams.tracked(now), streams.readings()
         return TeamState(own, tuple(used), fault, streams.ranges_m(), silent, tracked, readings)
@@ -144,6 +154,7 @@ class NetworkTeam(Closing):
         """Send this tick's frames."""
         self._sequence += 1
         self._service.stop_reason = command.stop_reason
+        self._service.at_rest = bool(command.stop_reason) and math.hypot(*own.velocity_m_s) <= REST_M_S
         versions = self._orders.versions()
         for robot_id in self._audience():
             frame = self._peers[robot_id].frame(

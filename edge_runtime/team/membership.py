@@ -1,6 +1,7 @@
 """Where a robot learns of its teammates, and tells them of itself."""
 
 import importlib
+import math
 import time
 from types import TracebackType
 from typing import Final, Protocol
@@ -20,9 +21,10 @@ from edge_runtime.network.udp import Carrier, UdpCarrier
 from edge_runtime.observation import Sensor
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.team.frame_rotation import action_axes
+from edge_runtime.team.handover import PolicyReceiver, Takeover
 from edge_runtime.team.link import NetworkTeam, TeamRules
 from edge_runtime.team.order_service import OrderService
-from edge_runtime.team.orders import Orders
+from edge_runtime.team.orders import Orders, policy_text
 from edge_runtime.team.report import FleetReport
 from edge_runtime.team.streams import FIRST_SOURCE, POSE_SOURCE, RANGES_SOURCE, Stream, Streams
 
@@ -88,6 +90,10 @@ class TeamLink(Protocol):
         """Return what the team has agreed to follow from this tick on, once; else None."""
         ...
 
+    def takeover(self) -> Takeover | None:
+        """Return the policy that an operator handed over last; None if none was."""
+        ...
+
     def for_base(self, command: Command) -> Command:
         """Return a command as the bridge is to take it, whose odometry may have axes of its own."""
         ...
@@ -135,6 +141,9 @@ class LocalTeam(Closing):
     def new_guide(self) -> None:
         """Return nothing: no operator reaches this robot."""
 
+    def takeover(self) -> None:
+        """Return nothing, for the same reason."""
+
     def for_base(self, command: Command) -> Command:
         """Return the command as it is."""
         return command
@@ -157,8 +166,13 @@ class LocalTeam(Closing):
         """Return nothing: there are no frames."""
 
 
-def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
+def open_fleet(mission: Mission, local: FleetLink, max_speed_m_s: float = math.inf) -> TeamLink:
     """Return the mission's robot's link to its team: the fleet's carrier, or ``local`` where it has none.
+
+    Args:
+        mission: the robot's.
+        local: its team where there is no network.
+        max_speed_m_s: greatest velocity setpoint that its bridge takes.
 
     Raises:
         ConfigError: if the key cannot be used, this machine does not have the robot's address, or a robot
@@ -180,7 +194,14 @@ def open_fleet(mission: Mission, local: FleetLink) -> TeamLink:
     sources |= {FIRST_SOURCE - index: place for index, place in enumerate(further)}
     endpoints |= {source: place for source, place in sources.items() if place}
     carrier = _carrier(mission, settings, own, endpoints)
-    orders = Orders(mission.robot_id, random_nonce(), mission.guide(), mission.guide_of)
+    orders = Orders(
+        mission.robot_id,
+        random_nonce(),
+        mission.guide(),
+        mission.guide_of,
+        PolicyReceiver(mission, max_speed_m_s),
+        policy_text(mission.bundle),
+    )
     service = OrderService(orders, operator_key(fleet), carrier, mission.rate_hz)
     streams = _streams(fleet, robot, mission.bundle.manifest, key, carrier)
     return NetworkTeam(mission.robot_id, others, rules, carrier, key, service, streams, time.monotonic)

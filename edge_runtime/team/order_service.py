@@ -43,6 +43,8 @@ class OrderService:
         self.orders = orders
         self.stop_reason = "not driving yet"
         """Of the newest command, or why there is none."""
+        self.at_rest = False
+        """Whether the robot stands still."""
         self._key, self._carrier = key, carrier
         self._rate, self._nominal_rate_hz = RateMeter(), rate_hz
         self._tick, self._now_s = 0, 0.0
@@ -72,5 +74,7 @@ class OrderService:
 
     def _answer(self, order: Order, datagram: Datagram, complaint: str = "") -> None:
         pace = Pace(self._tick, self._rate.hz, self._nominal_rate_hz)
-        standing = self.orders.standing(order, complaint, self._now_s, pace, self.stop_reason)
+        standing = self.orders.standing(
+            order, complaint, self._now_s, pace, self.stop_reason, at_rest=self.at_rest
+        )
         self._carrier.reply(datagram, encode_answer(standing, self._key))

@@ -35,6 +35,7 @@ PARSED_ONLY = {
 }
 """Which command lines are not run, by a pattern of module and arguments, and why."""
 EXPECTED = {
+    r"ctl policy ": (2, "trusted_keys"),  # nobody signed it
     r"ctl |watch\.edge_watch .*--once": (1, "robot"),  # no robot answers, and each is named
     r"doctor --whole-fleet ": (0, "answer of 0"),  # nobody runs, which is a warning
     r"doctor .*--bus sim": (0, "--arm enables it"),

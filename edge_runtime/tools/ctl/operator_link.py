@@ -12,10 +12,14 @@ from edge_runtime.common.printable import printed
 from edge_runtime.config.network import Endpoint
 from edge_runtime.network.datagrams import speak
 from edge_runtime.network.order_wire import (
+    FILE_BYTES,
     PACKET_BYTES,
     Abort,
     Ask,
+    Chunk,
     Commit,
+    Halt,
+    Offer,
     Order,
     Propose,
     Standing,
@@ -32,6 +36,15 @@ ASK_AGAIN: Final = 8
 """After so many repetitions without an answer comes an `Ask`: the robot may have started anew."""
 VALID_S: Final = 1.0
 """How long a robot obeys an order after it was sent."""
+
+WINDOW: Final = 4
+"""Chunks on the way to one robot: what its socket holds beside its team's frames."""
+RESEND_S: Final = 0.25
+"""After so long without a word chunks are sent again: a slow robot takes in packets every 100 ms."""
+CHECK_S: Final = 20.0
+"""More time for a robot to write, check and load a policy."""
+REST_S: Final = 5.0
+"""More time for a robot to come to rest."""
 
 MakeOrder = Callable[[int, int, int, int, float], Order]
 """Of session, number, receiver, boot id and expiry."""
@@ -73,6 +86,52 @@ class OperatorLink(Closing):
         """Have all check objectives, until one refuses or all have answered; return who has not accepted."""
         order = partial(Propose, version=version, file=file, content=content)
         return self._until(order, lambda standing: standing.stage == "accepted", self._refused)
+
+    def offer(self, version: int, files: Mapping[str, bytes]) -> list[int]:
+        """Have all take in the files of a policy and check them; return who has not accepted.
+
+        Robots take in what follows without a gap, and say how far they have come: a few chunks are on the way
+        to each at a time, so that neither its team's frames nor its tick wait for them.
+        """
+        sizes = tuple((name, len(content)) for name, content in files.items())
+        order = partial(Offer, version=version, files=sizes)
+        begun = self._until(order, lambda standing: standing.stage not in ("none", "refused"), self._refused)
+        if begun:
+            return begun
+        stream = b"".join(files.values())
+        waiting = self._transfer(stream)
+        if waiting:
+            return waiting
+        return self._until(Ask, lambda standing: standing.stage == "accepted", self._refused, more_s=CHECK_S)
+
+    def _transfer(self, stream: bytes) -> list[int]:
+        """Send what each robot lacks until all have everything; return who has not come on for too long."""
+        moved_s = dict.fromkeys(self._robots, time.monotonic())
+        sent_s = dict.fromkeys(self._robots, 0.0)
+        reached = dict.fromkeys(self._robots, -1)
+        while lacking := [robot for robot in self._robots if not self._is(robot, _has_all)]:
+            if self._refused():
+                return lacking
+            now_s = time.monotonic()
+            for robot_id in lacking:
+                received = self.standings[robot_id].received
+                if received > reached[robot_id]:
+                    reached[robot_id], moved_s[robot_id] = received, now_s
+                elif now_s < sent_s[robot_id] + RESEND_S:
+                    continue
+                sent_s[robot_id] = now_s
+                for begin in range(received, min(received + WINDOW * FILE_BYTES, len(stream)), FILE_BYTES):
+                    content = stream[begin : begin + FILE_BYTES]
+                    self._send(robot_id, partial(Chunk, offset=begin, content=content))
+            self._receive(RETRY_S)
+            late = [robot for robot in lacking if time.monotonic() - moved_s[robot] > self._timeout_s]
+            if late:
+                return late
+        return []
+
+    def halt(self) -> list[int]:
+        """Have all stand; return who does not come to rest."""
+        return self._until(Halt, lambda standing: standing.at_rest, more_s=REST_S)
 
     def commit(self, tick: int) -> list[int]:
         """Commit what was proposed to a tick of the team; return who has not confirmed."""
@@ -154,3 +213,8 @@ class OperatorLink(Closing):
             self._heard_s[standing.robot_id] = arrival_s
             self.standings[standing.robot_id] = printed(standing)
             self._heard_s[standing.robot_id] = time.monotonic()
+
+
+def _has_all(standing: Standing) -> bool:
+    """Whether a robot has all chunks: it goes on to check them."""
+    return standing.stage in ("checking", "accepted", "committed")

@@ -19,7 +19,7 @@ from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import Source
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
 from edge_runtime.recording.reader import Damage, read_log
-from edge_runtime.recording.schema import LoggedObjectiveSet, Record, Start, Tick
+from edge_runtime.recording.schema import BundleIdentity, LoggedObjectiveSet, Record, Start, Tick
 from edge_runtime.tools.replay.question import Answer, speeds_m_s
 from edge_runtime.tools.replay.replay import Difference, Replay, recorded_objectives, recorded_policy
 
@@ -140,7 +140,7 @@ def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own:
     for record in _with_progress(read_log(path), path):
         if isinstance(record, Start):
             result.start = printed(record)
-            bundle = asked or _recorded_bundle(record, path)
+            bundle = asked or _recorded_bundle(record.bundle, path)
             replay = Replay(record, bundle, *recorded_policy(record, bundle), own.sources)
             result.replay = replay
             if instead is not None or not bundle.stands_for(record.bundle.sha256):
@@ -148,6 +148,8 @@ def _replay(path: Path, asked: Bundle | None, instead: ObjectiveSet | None, own:
             if instead is not None:
                 replay.follow(instead)
         elif isinstance(record, LoggedObjectiveSet) and replay is not None and instead is None:
+            if record.bundle and not asked and record.bundle.sha256 != replay.bundle.sha256:
+                replay = result.replay = _handed_over(replay, _recorded_bundle(record.bundle, path), own)
             replay.follow(recorded_objectives(record, path, own.objectives))
         elif isinstance(record, Tick) and replay is not None:
             _judge(result, record, replay)
@@ -168,9 +170,16 @@ def _judge(result: ReplayResult, tick: Tick, replay: Replay) -> None:
     result.differences += found[: SHOWN - len(result.differences)]
 
 
-def _recorded_bundle(start: Start, path: Path) -> Bundle:
-    """Find the bundle that a log was made with, by its digest."""
-    wanted = start.bundle
+def _handed_over(before: Replay, bundle: Bundle, own: OwnCode) -> Replay:
+    """Go on with the policy that the robot was handed under way."""
+    policy, tolerance = recorded_policy(before.start, bundle)
+    after = Replay(before.start, bundle, policy, max(tolerance, before.tolerance), own.sources)
+    after.worst, after.unfamiliar = before.worst, before.unfamiliar
+    return after
+
+
+def _recorded_bundle(wanted: BundleIdentity, path: Path) -> Bundle:
+    """Find a bundle that a log was made with, by its digest."""
     for directory in (PACKAGED / wanted.name, Path(wanted.directory)):
         try:
             bundle = load_bundle(directory)

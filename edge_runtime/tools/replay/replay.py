@@ -80,7 +80,7 @@ class Replay:
         tolerance: float = 0.0,
         own: Collection[type[Source]] = (),
     ) -> None:
-        self.tolerance = tolerance
+        self.start, self.bundle, self.tolerance = start, bundle, tolerance
         self.unfamiliar: Counter[str] = Counter()
         """Ticks whose observation was outside of what training had, by the worst field."""
         self.worst = 0.0

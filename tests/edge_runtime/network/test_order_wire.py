@@ -11,7 +11,10 @@ from edge_runtime.network.order_wire import (
     FILE_BYTES,
     Abort,
     Ask,
+    Chunk,
     Commit,
+    Halt,
+    Offer,
     Propose,
     Standing,
     Stop,
@@ -27,8 +30,15 @@ KEY = bytes(range(32))
 longs = st.integers(0, 2**64 - 1)
 common = (longs, longs, st.integers(0, 65535), longs, st.floats(-1e12, 1e12))
 orders = st.one_of(
-    *(st.builds(kind, *common) for kind in (Ask, Abort, Stop)),
+    *(st.builds(kind, *common) for kind in (Ask, Abort, Halt, Stop)),
     st.builds(Commit, *common, tick=st.integers(1, LAST_TICK)),
+    st.builds(
+        Offer,
+        *common,
+        version=st.integers(1, 2**32 - 1),
+        files=st.lists(st.tuples(st.text(max_size=64), st.integers(0, 2**32 - 1)), max_size=8).map(tuple),
+    ),
+    st.builds(Chunk, *common, offset=st.integers(0, 2**32 - 1), content=st.binary()),
     st.builds(
         Propose, *common, version=st.integers(1, 2**32 - 1), file=st.text(max_size=20), content=st.binary()
     ),

@@ -137,7 +137,7 @@ def test_what_a_teammate_says_of_a_commitment_does_not_put_it_off(ready, forged)
     world, operator = ready
     operator.prepare()
     orders = world.teams[0]._orders
-    digest = orders._proposal.guide.digest
+    digest = orders._proposal.agreed.guide.digest
     orders.heard(GuideVersions(next_digest=digest, next_tick=forged), world.teams[0].tick)
     operator.tell(Commit, tick=world.teams[0].tick + 10)
     world.ticks(12)
@@ -222,7 +222,7 @@ def test_two_operators_do_not_mix(ready):
     first.prepare()
     second.propose(SLOWER)
     assert {standing.stage for standing in second.standings.values()} == {"refused"}
-    assert second.standings[0].complaint == "another operator's objectives are on their way"
+    assert second.standings[0].complaint == "another operator's objectives or policy are on their way"
     second.tell(Commit, tick=1)
     world.ticks(3)
     assert versions(world) == {0: 0, 1: 0, 2: 0}

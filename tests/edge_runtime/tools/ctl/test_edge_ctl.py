@@ -66,7 +66,9 @@ def test_all_change_at_one_tick_and_all_stop(team, tmp_path, capsys):
     tick = int(re.fullmatch(r"4 robots follow version 1 from tick (\d+) on\n", said)[1])
     assert order("status", path) == 0
     rows = capsys.readouterr().out.splitlines()[1:]
-    assert [row.split()[:2] for row in rows] == [[str(robot_id), "1"] for robot_id in range(4)]
+    assert [row.split()[:5] for row in rows] == [
+        [str(robot_id), "straight", "1", "speed_limit", "0.1"] for robot_id in range(4)
+    ]
     assert order("stop", path) == 0
     assert capsys.readouterr().out == "4 robots stopped\n"
     for process in processes:
@@ -128,7 +130,7 @@ def test_what_a_robot_refuses_is_said(write, tmp_path, capsys):
     "arguments, content, expected",
     [
         (["objectives"], "", "`objectives` needs a FILE"),
-        (["stop", "{file}"], "", "`objectives` needs a FILE, the other actions take none"),
+        (["stop", "{file}"], "", "`objectives` needs a FILE, `policy` a DIR, others none"),
         (["halt"], "", "argument action: invalid choice: 'halt'"),
         (["status", "--timeout", "nan"], "", "argument --timeout: must be a number in [0.1, 8], got 'nan'"),
         (["objectives", "{file}"], "x", "{file}: is not TOML"),
