@@ -22,6 +22,7 @@ from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.network.order_wire import Chunk, Offer
 from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, load_bundle
+from edge_runtime.policy.manifest import Manifest
 from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
 from edge_runtime.policy.signature import SIGNATURE_FILE
 
@@ -126,16 +127,26 @@ class PolicyReceiver:
         directory = _stage(files, mission.robot_id)
         bundle = load_bundle(directory)
         require_trusted(bundle, fleet, robot.id)
-        before, after = mission.bundle.manifest.body, bundle.manifest.body
-        if before.lidar_rays != after.lidar_rays:
-            raise BundleError(
-                f"the policy has {after.lidar_rays} rays, this robot was started with {before.lidar_rays}"
-            )
         bundle = adapted(bundle, robot, fleet.team)
+        _require_same_robot(mission.bundle.manifest, bundle.manifest)
         made = replace(mission, bundle=bundle, objective_set=asked)
         controller = made.controller(robot.id, self._max_speed_m_s)
         controller.rehearse()
         return Takeover(made, controller)
+
+
+def _require_same_robot(before: Manifest, after: Manifest) -> None:
+    """Links and streams were opened for the robot of the policy that it was started with."""
+    for what, one, other in (
+        ("motion model", type(before.motion).__name__, type(after.motion).__name__),
+        ("action", before.action, after.action),
+        ("body", before.body, after.body),
+    ):
+        if one != other:
+            raise BundleError(
+                f"the policy {after.name!r} is for another robot than {before.name!r}: its {what} differs; "
+                "start the robots with it"
+            )
 
 
 def _require_keys(fleet: Fleet) -> None:

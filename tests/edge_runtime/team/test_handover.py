@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
-from edge_runtime.errors import ConfigError
+from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.network.order_wire import (
     Abort,
@@ -28,7 +28,7 @@ from edge_runtime.network.order_wire import (
     encode_order,
 )
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.team.handover import LARGEST_BUNDLE, PolicyReceiver, Reception
+from edge_runtime.team.handover import LARGEST_BUNDLE, PolicyReceiver, Reception, _require_same_robot
 from edge_runtime.team.orders import HALT_S, HANDOVER
 
 FILES = {"manifest.json": b"{}", "manifest.sha256": b"abc", "policy.npz": bytes(range(256)) * 100}
@@ -220,3 +220,12 @@ def test_what_is_not_whole_is_neither_checked_nor_committed(ready):
     assert operator.stages() == {"receiving"}
     assert {standing.received for standing in operator.standings.values()} == {8192}
     assert world.teams[0].takeover() is None
+
+
+@pytest.mark.parametrize(("changes", "what"), [
+    ({"body": replace(MANIFEST.body, lidar_rays=8)}, "body"),
+    ({"action": tuple(replace(field, high=2.0) for field in MANIFEST.action)}, "action"),
+])  # fmt: skip
+def test_the_policy_of_another_robot_is_refused(changes, what):
+    with pytest.raises(BundleError, match=f"is for another robot than 'straight': its {what} differs"):
+        _require_same_robot(MANIFEST, replace(MANIFEST, name="other", **changes))
