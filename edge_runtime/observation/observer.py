@@ -58,15 +58,14 @@ class Observer:
         self.fault = ""
         """Why the newest observation is of no use; empty if it is."""
         self._sensor = manifest.body.sensor()
-        self._parts: list[tuple[Source, slice, bool]] = []
-        end = 0
+        self._sources: list[tuple[Source, bool]] = []
         for index, field in enumerate(manifest.observation):
-            place = slice(end, end := end + field.size)
             if isinstance(field, OwnSource):
-                self._parts.append((field.made(own, path, f"observation[{index}]"), place, True))
+                self._sources.append((field.made(own, path, f"observation[{index}]"), True))
             else:
-                self._parts.append((field, place, False))
-        self._vector = np.zeros((1, end), np.float32)
+                self._sources.append((field, False))
+        size = sum(field.size for field in manifest.observation)
+        self._vector = np.zeros((1, size), np.float32)
         self._per_unit = _per_unit(manifest, scale_m) if scale_m != 1.0 else None
 
     def observe(self, team: TeamState, previous_action: Vector = (), elapsed_s: float = 0.0) -> Array:
@@ -83,13 +82,15 @@ class Observer:
             PolicyError: if the number of readings is not the number of rays.
         """
         view = View(team, self.goal_m, self._sensor, previous_action, elapsed_s)
-        row, self.fault = self._vector[0], ""
-        for source, place, is_own in self._parts:
+        values: list[float] = []
+        self.fault = ""
+        for source, is_own in self._sources:
             try:
-                row[place] = _checked(source, view) if is_own else source.read(view)
+                values += _checked(source, view) if is_own else source.read(view)
             except SourceError as error:
-                row[place] = math.nan
+                values += [math.nan] * source.size
                 self.fault = self.fault or f"observation {source.name}: {error}"
+        self._vector[0] = values
         if self._per_unit is not None:
             self._vector *= self._per_unit
         return self._vector
