@@ -163,9 +163,10 @@ class Mission:
         )
 
     def _check_sight(self, asked: ObjectiveSet) -> None:
-        """Refuse objectives over obstacles where no sensor sees any."""
+        """Refuse objectives over obstacles where no sensor sees any, or over what nobody tracks."""
         fleet, body = self.fleet, self.bundle.manifest.body
         for objective in asked.objectives:
+            self._check_tracked(objective)
             if not objective.sight_m:
                 continue
             if objective.sight_m > body.lidar_range_m:
@@ -180,6 +181,17 @@ class Mission:
                     f"robots[{index}].ranges",
                     f'"teammates" shows no obstacles, which {objective.name} needs to see; allowed: the '
                     "address of a stream, such as 10.0.0.5:47100",
+                )
+
+    def _check_tracked(self, objective: Objective) -> None:
+        known = [each.name for each in self.fleet.tracked]
+        for name in objective.looks_at:
+            if name not in known:
+                refuse(
+                    self.fleet.path,
+                    "tracked",
+                    f"{objective.name} looks at {name!r}, which is none of them; allowed: "
+                    f"{', '.join(known) or 'none'}",
                 )
 
     def _check_goals(self) -> None:

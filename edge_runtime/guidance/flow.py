@@ -78,7 +78,10 @@ def guided_action(
         return GuidedAction(rest, 0, fault="the observation is not finite", correction=rest)
     policy.observe(observation)
     obstacles = guide.sensor.obstacles(team) if guide.sensor else ()
-    outlooks = [look_ahead(team, preview, obstacles) for preview in guide.previews]
+    outlooks = [
+        look_ahead(team, preview, obstacles, horizon_s)
+        for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
+    ]
     sampler, total = policy.sampler, policy.euler_steps
     start = rest if start is None else start
     most_steps = total if most_steps is None else most_steps

@@ -32,6 +32,8 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,)"""
     previews: tuple[Preview, ...]
     """(M,): what each one sees of the robot's motion."""
+    horizons_s: tuple[float, ...]
+    """(M,): how far ahead that is."""
     factors: tuple[float, ...]
     """(M,): eta lambda_m."""
     kernel_terms: tuple[str, ...]
@@ -89,6 +91,7 @@ def make_guide(
         asked=asked,
         objectives=active,
         previews=previews,
+        horizons_s=tuple(objective.look_ahead * model.dt_s for objective in active),
         factors=tuple(settings.scale * objective.weight for objective in active),
         # A subclass may cost something else: what its parent states does not count.
         kernel_terms=tuple(

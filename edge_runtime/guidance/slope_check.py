@@ -24,6 +24,6 @@ class SlopeCheck:
             return
         self._turn += 1
         place = own[self._turn % len(own)]
-        preview = guide.previews[place]
-        outlook = look_ahead(team, preview, guide.sensor.obstacles(team) if guide.sensor else ())
+        ahead = guide.previews[place], guide.sensor.obstacles(team) if guide.sensor else ()
+        outlook = look_ahead(team, *ahead, guide.horizons_s[place])
         compare_slope(guide.objectives[place], outlook, action)

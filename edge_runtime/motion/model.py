@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
@@ -22,6 +22,13 @@ class Model(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True, t
 
     One step of a plant is one step of the prediction: the equations are written nowhere else.
     """
+
+    if TYPE_CHECKING:  # a field of each model, which would hide a property
+
+        @property
+        def dt_s(self) -> float:
+            """The control period that the model was stated for, in s."""
+            ...
 
     @property
     def kind(self) -> str:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from edge_runtime.messages import TeamState, Vector2
+from edge_runtime.messages import TeamState, TrackedObject, Vector2
 from edge_runtime.motion.prediction import Forecast, PredictedMotion, Preview
 
 
@@ -12,6 +12,20 @@ class Neighbour(NamedTuple):
     """A teammate's predicted motion, its intended action held; see `PredictedMotion`."""
 
     robot_id: int
+    x: float
+    y: float
+    vx: float
+    vy: float
+    z: float = 0.0
+    vz: float = 0.0
+    heading: float = 0.0
+    yaw_rate: float = 0.0
+
+
+class TrackedMotion(NamedTuple):
+    """A tracked object's predicted motion, going on as it moves; see `PredictedMotion`."""
+
+    name: str
     x: float
     y: float
     vx: float
@@ -34,6 +48,8 @@ class Outlook(msgspec.Struct, frozen=True, gc=False):
     obstacles: tuple[Vector2, ...] = ()
     """Points that the robot's own range sensor sees of what is no teammate, nearest first; they are taken to
     stand still. See `edge_runtime.motion.range_sensor.RangeSensor.obstacles`."""
+    tracked: tuple[TrackedMotion, ...] = ()
+    """The fleet's tracked objects at that time."""
 
     @property
     def drift(self) -> PredictedMotion:
@@ -41,11 +57,37 @@ class Outlook(msgspec.Struct, frozen=True, gc=False):
         return self.forecast.drift
 
 
-def look_ahead(team: TeamState, preview: Preview, obstacles: tuple[Vector2, ...] = ()) -> Outlook:
-    """Predict one robot's drift and its neighbours' motion over a preview, by the same model."""
+def look_ahead(
+    team: TeamState, preview: Preview, obstacles: tuple[Vector2, ...] = (), horizon_s: float = 0.0
+) -> Outlook:
+    """Predict one robot's drift and its neighbours' motion over a preview, by the same model.
+
+    Args:
+        team: as the robot sees it.
+        preview: how robots move until the time of the outlook.
+        obstacles: what its range sensor sees.
+        horizon_s: how far that time lies ahead, for tracked objects.
+    """
     neighbours = [
         Neighbour(mate.state.robot_id, *preview.predict(mate.state, mate.intended_action))
         for mate in team.teammates + team.silent
     ]
     own = team.own
-    return Outlook(own.robot_id, preview, preview.forecast(own), tuple(neighbours), obstacles)
+    tracked = tuple(_later(each, horizon_s) for each in team.tracked)
+    return Outlook(own.robot_id, preview, preview.forecast(own), tuple(neighbours), obstacles, tracked)
+
+
+def _later(each: TrackedObject, after_s: float) -> TrackedMotion:
+    (x, y, *up), (vx, vy, *rise) = each.position_m, each.velocity_m_s
+    z, vz = (up[0], rise[0]) if up and rise else (0.0, 0.0)
+    return TrackedMotion(
+        each.name,
+        x + after_s * vx,
+        y + after_s * vy,
+        vx,
+        vy,
+        z + after_s * vz,
+        vz,
+        each.heading_rad + after_s * each.yaw_rate_rad_s,
+        each.yaw_rate_rad_s,
+    )

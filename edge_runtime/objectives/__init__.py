@@ -12,8 +12,19 @@ from edge_runtime.objectives.safety_margin import SafetyMargin
 from edge_runtime.objectives.spacing import Spacing
 from edge_runtime.objectives.spatial_order import SpatialOrder
 from edge_runtime.objectives.speed_limit import SpeedLimit
+from edge_runtime.objectives.tracked_margin import TrackedMargin
 
-BUILT_IN = (SpeedLimit, SafetyMargin, SpatialOrder, Spacing, Geofence, Clustering, Passing, ObstacleMargin)
+BUILT_IN = (
+    SpeedLimit,
+    SafetyMargin,
+    SpatialOrder,
+    Spacing,
+    Geofence,
+    Clustering,
+    Passing,
+    ObstacleMargin,
+    TrackedMargin,
+)
 """The objectives that configuration files can name by their ``type``."""
 
 __all__ = [
@@ -29,4 +40,5 @@ __all__ = [
     "Spacing",
     "SpatialOrder",
     "SpeedLimit",
+    "TrackedMargin",
 ]

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from edge_runtime.common.signals import is_interrupt
 from edge_runtime.errors import GradientError
-from edge_runtime.messages import RobotState, Teammate, TeamState, Vector
+from edge_runtime.messages import RobotState, Teammate, TeamState, TrackedObject, Vector
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.motion.point import PointForce
@@ -82,10 +83,20 @@ def sample_gradient(
     draw = np.random.default_rng([seed, 1])
     for team, action in _random_teams(model, teammates, motions, extent_m, seed):
         points = draw.uniform(-extent_m, extent_m, (OBSTACLES, 2)).tolist()
+        team = replace(team, tracked=tuple(_tracked(objective, extent_m, model.dims, draw)))
         outlook = look_ahead(team, preview, tuple((x, y) for x, y in points))
         error, sloped = compare_slope(objective, outlook, action)
         worst, active = max(worst, error), active + sloped
     return GradientReport(motions, active, worst)
+
+
+def _tracked(
+    objective: Objective, extent_m: float, dims: int, draw: np.random.Generator
+) -> Iterator[TrackedObject]:
+    """What the objective looks at, somewhere and on its way."""
+    for name in objective.looks_at:
+        place, velocity = draw.uniform(-extent_m, extent_m, (2, dims)).tolist()
+        yield TrackedObject(name, 0.0, tuple(place), tuple(velocity))
 
 
 def _random_teams(

@@ -99,6 +99,11 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return ""
 
     @property
+    def looks_at(self) -> tuple[str, ...]:
+        """Names of the tracked objects that it needs to know of."""
+        return ()
+
+    @property
     def sight_m(self) -> float:
         """How far from its centre the robot must see obstacles; 0 for one that does not look at them."""
         return 0.0

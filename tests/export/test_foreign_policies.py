@@ -23,6 +23,7 @@ from edge_runtime.objectives import (
     Spacing,
     SpatialOrder,
     SpeedLimit,
+    TrackedMargin,
 )
 from edge_runtime.policy.bundle import load_bundle
 from export.edge_export import main as edge_export
@@ -149,6 +150,7 @@ OBJECTIVES = {
     Clustering: Clustering(radius_m=0.1),
     Passing: Passing(order=(3, 1, 2, 0)),
     ObstacleMargin: ObstacleMargin(distance_m=0.3),
+    TrackedMargin: TrackedMargin(object="person", distance_m=0.3),
 }
 NOT_IN_SPACE = {Passing}
 """What says nothing of robots that may pass over one another."""
@@ -167,7 +169,7 @@ def test_an_objective_steers_each_body_or_is_refused_in_a_line(bundles, tmp_path
     def mission():
         return Mission(0, fleet, bundle, asked, RATE_HZ)
 
-    if kind is ObstacleMargin or (name == "drone" and kind in NOT_IN_SPACE):
+    if kind in (ObstacleMargin, TrackedMargin) or (name == "drone" and kind in NOT_IN_SPACE):
         with pytest.raises(ConfigError) as caught:
             mission().controller(0)
         assert "\n" not in str(caught.value)

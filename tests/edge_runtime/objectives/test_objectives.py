@@ -10,7 +10,15 @@ from edge_runtime.errors import GradientError
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.motion.point import PointForce
-from edge_runtime.objectives import BUILT_IN, Objective, ObstacleMargin, SafetyMargin, Slope, SpeedLimit
+from edge_runtime.objectives import (
+    BUILT_IN,
+    Objective,
+    ObstacleMargin,
+    SafetyMargin,
+    Slope,
+    SpeedLimit,
+    TrackedMargin,
+)
 from edge_runtime.objectives.gradient_check import check_gradient
 
 OBJECTIVES = [
@@ -18,6 +26,7 @@ OBJECTIVES = [
     SafetyMargin(distance_m=0.25),
     SafetyMargin(distance_m=0.6, look_ahead=8),
     ObstacleMargin(distance_m=0.3),
+    TrackedMargin(object="person", distance_m=0.3),
 ]
 
 

@@ -23,6 +23,7 @@ from edge_runtime.objectives import (
     Spacing,
     SpatialOrder,
     SpeedLimit,
+    TrackedMargin,
 )
 from edge_runtime.objectives.gradient_check import check_gradient
 from export.evaluation.guidance import action_slopes
@@ -61,6 +62,7 @@ OBJECTIVES = [
     Clustering(radius_m=0.2),
     Passing(order=(1, 0, 3, 2), reach_m=1.0, clearance_m=0.3),
     ObstacleMargin(distance_m=0.4),
+    TrackedMargin(object="person", distance_m=0.4),
     LookNorth(look_ahead=3),
     Ceiling(height_m=0.1),
 ]
@@ -92,7 +94,7 @@ def test_every_gradient_is_that_of_its_cost_or_the_objective_is_refused(objectiv
 @EVERY
 def test_many_robots_at_once_are_told_what_each_is(objective, name):
     model = EXAMPLES[name]
-    if objective.refuses(model) or isinstance(objective, ObstacleMargin):
+    if objective.refuses(model) or isinstance(objective, ObstacleMargin | TrackedMargin):
         return
     draw, rows = np.random.default_rng(3), 60
     teams = [random_team(draw, ids=draw.permutation(4).tolist(), model=model) for _ in range(rows)]

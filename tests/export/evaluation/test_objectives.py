@@ -16,6 +16,7 @@ from edge_runtime.objectives import (
     Spacing,
     SpatialOrder,
     SpeedLimit,
+    TrackedMargin,
 )
 from export.evaluation.objectives import evaluate_batch
 from export.evaluation.outlook import MotionBatch, TeamBatch, look_ahead_batch
@@ -80,8 +81,8 @@ def both(objective, team):
 
 
 def test_every_objective_is_tried():
-    """But the one over a range sensor's readings, which the teams of an evaluation do not have."""
-    assert set(BUILT_IN) - {ObstacleMargin} <= set(map(type, OBJECTIVES))
+    """But those over readings of ranges and tracked objects, which teams of an evaluation do not have."""
+    assert set(BUILT_IN) - {ObstacleMargin, TrackedMargin} <= set(map(type, OBJECTIVES))
 
 
 @pytest.mark.parametrize("mates", [0, 1, 4])
