@@ -29,7 +29,7 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What all robots share."""
 
     policy: str = "navigation"
-    """A packaged policy's name, or the directory of a bundle, relative to the fleet file."""
+    """A packaged policy's name, the directory of a bundle, relative to the fleet file, or ``hf://owner/name``."""
     trusted_keys: tuple[str, ...] = ()
     """Public keys, 64 hexadecimal digits each: one of them must have signed the policy, as edge-export --sign
     does. Where none are named, nobody asks."""

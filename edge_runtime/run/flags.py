@@ -18,6 +18,7 @@ from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.control.trust import require_trusted
 from edge_runtime.policy.backend import BACKENDS
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
+from edge_runtime.policy.bundle_source import located
 from edge_runtime.recording.flags import add_log_flags
 from edge_runtime.run.bridges import BRIDGES
 
@@ -64,7 +65,7 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
         choices=TASKS,
         help="a packaged fleet file instead (default: navigation); balance and sampling are moved by VMAS",
     )
-    add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
+    add("--policy", type=Path, metavar="DIR", help="policy bundle, or hf://owner/name; default: the fleet's")
     add(
         "--allow-rollback",
         action="store_true",
@@ -169,7 +170,7 @@ def make_mission(flags: argparse.Namespace) -> Mission:
     fleet = load_fleet(FLEETS / f"{flags.task}.toml" if flags.task else flags.fleet)
     objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
-    bundle = load_bundle(flags.policy) if flags.policy else _fleet_bundle(fleet, robot)
+    bundle = load_bundle(located(str(flags.policy))) if flags.policy else _fleet_bundle(fleet, robot)
     require_trusted(bundle, fleet, robot.id, allow_rollback=flags.allow_rollback)
     bundle = adapted(bundle, robot, fleet.team)
     rate_hz = flags.rate or fleet.team.rate_hz or bundle.manifest.control_rate_hz
@@ -188,4 +189,4 @@ def make_mission(flags: argparse.Namespace) -> Mission:
 
 def _fleet_bundle(fleet: Fleet, robot: Robot) -> Bundle:
     name = robot.policy or fleet.team.policy
-    return load_bundle(fleet.path.parent / name) if "/" in name else packaged_bundle(name)
+    return load_bundle(located(name, fleet.path.parent)) if "/" in name else packaged_bundle(name)

@@ -22,12 +22,10 @@ from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.network.order_wire import Chunk, Offer
 from edge_runtime.policy.bundle import DIGEST_FILE, MANIFEST_FILE, Bundle, load_bundle
+from edge_runtime.policy.bundle_source import BUNDLE_FILES
 from edge_runtime.policy.manifest import Manifest
-from edge_runtime.policy.schema import GRAPH_FILE, WEIGHTS_FILE
 from edge_runtime.policy.signature import SIGNATURE_FILE
 
-BUNDLE_FILES: Final = (MANIFEST_FILE, DIGEST_FILE, SIGNATURE_FILE, GRAPH_FILE, WEIGHTS_FILE)
-"""What a bundle may consist of."""
 LARGEST_BUNDLE: Final = 16 * 2**20
 """Bytes of all its files."""
 KEPT: Final = 4

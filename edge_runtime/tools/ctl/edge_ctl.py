@@ -17,6 +17,7 @@ from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.errors import ConfigError, FailedError
 from edge_runtime.network.order_wire import FILE_BYTES, Standing
 from edge_runtime.policy.bundle import Bundle, load_bundle
+from edge_runtime.policy.bundle_source import located
 from edge_runtime.policy.signature import check_signature
 from edge_runtime.team.handover import bundle_files
 from edge_runtime.team.orders import policy_text
@@ -180,10 +181,10 @@ def _open(fleet: Fleet, key_file: Path | None, timeout_s: float) -> OperatorLink
 
 def _read_policy(path: Path, fleet: Fleet) -> Bundle:
     """Read a bundle that robots will run as far as can be told here."""
-    bundle, keys = load_bundle(path), fleet.team.trusted_keys
+    bundle, keys = load_bundle(located(str(path))), fleet.team.trusted_keys
     if not keys:
         refuse(fleet.path, "team.trusted_keys", "missing: robots take no policy that nobody vouches for")
-    check_signature(path, bundle.sha256, keys)
+    check_signature(bundle.directory, bundle.sha256, keys)
     return bundle
 
 

@@ -18,6 +18,7 @@ from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import Source
 from edge_runtime.policy.bundle import PACKAGED, Bundle, load_bundle
+from edge_runtime.policy.bundle_source import located
 from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import BundleIdentity, LoggedObjectiveSet, Record, Start, Tick
 from edge_runtime.tools.replay.question import Answer, speeds_m_s
@@ -93,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-replay``; returns the exit code."""
     flags = make_parser().parse_args(arguments)
     instead = load_objective_set(flags.objectives) if flags.objectives else None
-    asked = load_bundle(flags.policy) if flags.policy else None
+    asked = load_bundle(located(str(flags.policy))) if flags.policy else None
     if flags.picture:
         _check_picture(flags)
     own = _own(flags)

@@ -17,6 +17,7 @@ from edge_runtime.control.mission import adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Vector2
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
+from edge_runtime.policy.bundle_source import located
 from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, LimitsFile, load_limits
 from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network, multicast_bus
@@ -180,5 +181,5 @@ def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:
     """
     name = robot.policy or fleet.team.policy
     if policy or "/" in name:
-        return adapted(load_bundle(Path(policy or name)), robot, fleet.team)
+        return adapted(load_bundle(located(policy or name)), robot, fleet.team)
     return adapted(packaged_bundle(name), robot, fleet.team)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from edge_runtime.common.paths import named_file
 from edge_runtime.common.toml_file import Table
+from edge_runtime.policy.bundle_source import is_remote
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.sil.scenario.ports import HOST, Network
 
@@ -75,7 +76,8 @@ def resolved(table: Table, folder: Path) -> Table:
 
 def _with_policy(table: Table, folder: Path) -> Table:
     policy = table.get("policy", "")
-    return {**table, "policy": str(folder / policy)} if "/" in policy else table
+    elsewhere = "/" in policy and not is_remote(policy)
+    return {**table, "policy": str(folder / policy)} if elsewhere else table
 
 
 def write_fleets(table: Table, robots: Sequence[int], network: Network, folder: Path) -> dict[int, Path]:
