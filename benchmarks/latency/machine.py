@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.latency.measure import Timing, stolen_share
+from edge_runtime.common.processor import processor
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -35,7 +36,7 @@ WAKE_P99_ALLOWED_US = 2000.0
 def describe(engine: str, wakes: int = 400) -> Machine:
     """Look the machine up and measure its wake-ups."""
     return Machine(
-        processor=_field(Path("/proc/cpuinfo"), "model name") or platform.processor() or platform.machine(),
+        processor=processor(),
         cores=len(os.sched_getaffinity(0)),
         governor=_read(Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")) or "not visible",
         kernel=platform.release(),
@@ -75,11 +76,6 @@ def _wake_latency(count: int, period_s: float = 0.005) -> tuple[float, float, fl
         late.append(1e6 * (time.monotonic() - due))
     p50, p99, p99_9 = np.percentile(late, [50.0, 99.0, 99.9]).tolist()
     return p50, p99, p99_9
-
-
-def _field(path: Path, name: str) -> str:
-    lines = _read(path).splitlines()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith(name)), "")
 
 
 def _read(path: Path) -> str:

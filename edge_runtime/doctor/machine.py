@@ -19,6 +19,7 @@ from packaging.specifiers import SpecifierSet
 from edge_runtime.common.child import python_command
 from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, warn
+from edge_runtime.doctor.kernel import examine_kernel
 
 DISTRIBUTION: Final = "cfpg-edge"
 TRIAL: Final = "edge_runtime.common.realtime"
@@ -48,6 +49,7 @@ def examine_machine(
     """
     yield examine("versions", versions)
     yield examine("real time", partial(realtime, wants_realtime))
+    yield from examine_kernel(wants_realtime=wants_realtime)
     yield examine("clock", clock)
     if logs:
         yield examine("logs", partial(log_folder, logs, logs_bytes))

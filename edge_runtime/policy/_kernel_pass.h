@@ -69,15 +69,20 @@ static TARGET void NAME(product)(const float *x, int rows, int stride, const Lay
 {
     for (int column = 0; column < layer->padded; column += NAME(BLOCK)) {
         const float *block = layer->matrix + (size_t)column * inputs;
-        for (int row = 0; row < rows; row += ROWS) {
+        for (int row = 0, step; row < rows; row += step) {
             const float *from = x + (size_t)row * stride;
             float *to = y + (size_t)row * stride + column;
-            switch (rows - row) {
+            const int left = rows - row;
+            /* The last two tiles share what is left: a tile of one row leaves the multipliers idle. */
+            step = left <= ROWS ? left : left < 2 * ROWS ? (left + 1) / 2 : ROWS;
+            switch (step) {
             case 1: NAME(tile)(1, from, stride, block, inputs, to); break;
             case 2: NAME(tile)(2, from, stride, block, inputs, to); break;
 #if ROWS > 3
             case 3: NAME(tile)(3, from, stride, block, inputs, to); break;
             case 4: NAME(tile)(4, from, stride, block, inputs, to); break;
+#endif
+#if ROWS > 5
             case 5: NAME(tile)(5, from, stride, block, inputs, to); break;
 #endif
             default: NAME(tile)(ROWS, from, stride, block, inputs, to);

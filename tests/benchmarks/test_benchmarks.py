@@ -173,12 +173,12 @@ def test_the_page_marks_a_noisy_run_invalid():
     sweep = Sweep("T", "T", (1, 2), lambda t: Case(euler_steps=t))
     growths = grow(sweep, [make_row("numpy", sweep.make(t), timing([2.0 * t])) for t in (1, 2)], ["numpy"])
 
-    def page(noise):
+    def page(noise, estimate=estimate_orin_nano(default)):  # noqa: B008
         return render(
             Result(
                 machine=machine.describe("avx2", wakes=3), noise=noise, default=default, verdicts=[],
                 small=[row], growths=[growths], paced=[row], refusals=["refused: no right"],
-                footprints=[Footprint("numpy", 33.0, 120.0)], estimate=estimate_orin_nano(default),
+                footprints=[Footprint("numpy", 33.0, 120.0)], estimate=estimate,
             )
         )  # fmt: skip
 
@@ -186,6 +186,8 @@ def test_the_page_marks_a_noisy_run_invalid():
     assert "the run is valid" in quiet
     assert "INVALID" in noisy
     assert "other processes took 50%" in noisy
+    assert "Estimate for one core of a Jetson" in quiet
+    assert "Jetson" not in page([], estimate=None)  # on one of them there is nothing to estimate
     for fact in ("processor: ", "governor", "wake-up latency", "refused: no right", "exponent 1.00"):
         assert fact in quiet
 

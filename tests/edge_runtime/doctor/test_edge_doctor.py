@@ -40,7 +40,7 @@ def test_a_simulated_robot_has_nothing_that_fails(capsys):
     assert doctor.main(["--robot-id", "0"]) == 0
     found = verdicts(capsys.readouterr().out)
     assert list(found) == [
-        *("versions", "real time", "clock", "logs"),
+        *("versions", "real time", "kernel", "clock", "logs"),
         *("bundle", "parity", "backend", "numbers", "team"),
     ]
     assert "fail" not in found.values()

@@ -153,7 +153,7 @@ def test_a_missing_directory_cannot_be_written(tmp_path):
 
 def test_every_check_is_made_and_named(tmp_path):
     found = examine_machine(wants_realtime=False, reports=tmp_path, logs=tmp_path / "logs")
-    assert [finding.name for finding in found] == ["versions", "real time", "clock", "logs", "disk"]
+    assert [finding.name for finding in found] == ["versions", "real time", "kernel", "clock", "logs", "disk"]
 
 
 def test_the_folder_of_the_logs_needs_what_they_may_take(monkeypatch, tmp_path):
