@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from edge_runtime.guidance.flow import guided_action
     from edge_runtime.guidance.guide import Guide, guide_for
     from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
-    from edge_runtime.messages import GuidedAction, RobotState, Teammate, TeamState
+    from edge_runtime.messages import GuidedAction, Reading, RobotState, Teammate, TeamState, TrackedObject
     from edge_runtime.objectives import Objective, Slope
     from edge_runtime.objectives.gradient_check import check_gradient
+    from edge_runtime.observation import Source, View
     from edge_runtime.observation.observer import Observer
     from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 
@@ -30,10 +31,14 @@ _HOMES: Final = {
     "Objective": "objectives",
     "ObjectiveSet": "guidance.settings",
     "Observer": "observation.observer",
+    "Reading": "messages",
     "RobotState": "messages",
     "Slope": "objectives",
+    "Source": "observation",
     "TeamState": "messages",
     "Teammate": "messages",
+    "TrackedObject": "messages",
+    "View": "observation",
     "check_gradient": "objectives.gradient_check",
     "guide_for": "guidance.guide",
     "guided_action": "guidance.flow",
@@ -51,10 +56,14 @@ __all__ = [
     "Objective",
     "ObjectiveSet",
     "Observer",
+    "Reading",
     "RobotState",
     "Slope",
+    "Source",
     "TeamState",
     "Teammate",
+    "TrackedObject",
+    "View",
     "__version__",
     "check_gradient",
     "guide_for",
