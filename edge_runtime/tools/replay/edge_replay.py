@@ -23,11 +23,13 @@ from edge_runtime.recording.reader import Damage, read_log
 from edge_runtime.recording.schema import BundleIdentity, LoggedObjectiveSet, Record, Start, Tick
 from edge_runtime.tools.replay.question import Answer, speeds_m_s
 from edge_runtime.tools.replay.replay import Difference, Replay, recorded_objectives, recorded_policy
+from edge_runtime.tools.replay.rosbag import write_bag
 
 DESCRIPTION: Final = """\
 Make every decision of a run again from its log, and compare it bit for bit: the observation of each state,
 the action sampled for it, the command within its limits. A difference names the tick and the stage.
-With --objectives or another --policy: what it would have done with these instead, situation by situation."""
+With --objectives or another --policy: what it would have done with these instead, situation by situation.
+With --rosbag2: nothing is made again, the logs are converted."""
 EPILOG: Final = """\
 exit codes:
   0  every tick came out as it was; or the question was answered
@@ -39,7 +41,8 @@ examples:
   edge-replay run_000.mcap
   edge-replay run_000.mcap --own stay_north:StayNorth     or --fleet team.toml
   edge-replay run_000.mcap --objectives slow.toml -o instead.png
-  edge-replay run_000.mcap --policy policies/new -o instead.png"""
+  edge-replay run_000.mcap --policy policies/new -o instead.png
+  edge-replay *_robot*.mcap --rosbag2 team                for ROS's own tools: nothing is replayed"""
 SHOWN: Final = 10
 """So many differences are printed in full."""
 PROGRESS_S: Final = 0.5
@@ -68,6 +71,7 @@ def make_parser() -> CommandParser:
     add_own_source(parser)
     add("--fleet", type=Path, metavar="FILE", help="fleet file, whose own code the log may name")
     add("-o", dest="picture", type=Path, metavar="FILE", help="draw what was and what would have been")
+    add("--rosbag2", type=Path, metavar="DIR", help="convert: write the logs into a new bag of ROS 2")
     return parser
 
 
@@ -93,6 +97,8 @@ class ReplayResult:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-replay``; returns the exit code."""
     flags = make_parser().parse_args(arguments)
+    if flags.rosbag2:
+        return _convert(flags)
     instead = load_objective_set(flags.objectives) if flags.objectives else None
     asked = load_bundle(located(str(flags.policy))) if flags.policy else None
     if flags.picture:
@@ -109,6 +115,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if any(result.refusal for result in results):
         return 2
     return 1 if any(result.differing or result.damage for result in results) else 0
+
+
+def _convert(flags: argparse.Namespace) -> int:
+    if flags.objectives or flags.policy or flags.picture:
+        raise ConfigError("--rosbag2 converts, it asks no question: leave out --objectives, --policy and -o")
+    done = write_bag(flags.logs, flags.rosbag2)
+    print(f"{flags.rosbag2}: {done.messages} messages of {done.ticks} ticks")
+    for damage in done.damage:
+        print(f"  damaged     {damage}; what comes later is not in it")
+    return 1 if done.damage else 0
 
 
 @dataclass(frozen=True)
