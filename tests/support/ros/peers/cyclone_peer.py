@@ -14,6 +14,7 @@ from cyclonedds.core import ReadCondition, SampleState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import array, float64, int32, uint32
+from cyclonedds.internal import InvalidSample
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
@@ -126,6 +127,8 @@ class Peer:
         while not self.closing.is_set():
             waiting.wait(duration(milliseconds=100))
             for message in self.reader.take(100):
+                if isinstance(message, InvalidSample):  # the writer has left
+                    continue
                 stamped = self.kind is TwistStamped
                 twist = message.twist if stamped else message
                 stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec if stamped else 0.0
