@@ -18,12 +18,9 @@ from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS
 from benchmarks.latency.measure import Slot, Timing
 from benchmarks.latency.rows import LatencyRow, make_row
-from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
-from edge_runtime.control.rate import DeadlineGrid
+from edge_runtime.common.realtime import enter_realtime, freeze_garbage
+from edge_runtime.control.start import StateGrid, lead_for
 
-LEAD_TICKS = 4.0
-"""An early wake starts this many ticks before the deadline, plus `LEAD_S` for the wake-up itself."""
-LEAD_S = 0.0003
 WARM_UP = 10
 """Ticks that are not measured."""
 
@@ -63,11 +60,8 @@ def run(variant: Variant) -> list[float]:
     tick = CONTENDERS[variant.backend](workload(variant.case))
     period = 1.0 / variant.paced_hz
     tick()
-    begin = time.perf_counter()
-    tick()
-    lead = LEAD_S + LEAD_TICKS * (time.perf_counter() - begin)
-    sleep = EarlyWake(tick, lead) if variant.early_wake and lead < period else time.sleep
-    grid, durations = DeadlineGrid(period, sleep=sleep), []
+    lead = lead_for(tick, period) if variant.early_wake else 0.0
+    grid, durations = StateGrid(period, None, tick, lead), []
     freeze_garbage()
     if variant.realtime:
         enter_realtime()

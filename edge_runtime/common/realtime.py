@@ -1,11 +1,9 @@
-"""What a process can do for punctual ticks: no collector pauses, real-time priority, an early wake."""
+"""What a process can do for punctual ticks: no collector pauses, real-time priority."""
 
 import ctypes
 import gc
 import os
 import sys
-import time
-from collections.abc import Callable
 from typing import Final
 
 from edge_runtime.errors import ConfigError
@@ -71,29 +69,6 @@ def _lock_memory() -> None:
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
-
-
-class EarlyWake:
-    """A sleep that wakes early, computes something to throw away, and sleeps the rest.
-
-    A processor that wakes from sleep has slowed its clock and lost its caches; after a throw-away tick the
-    real one meets neither. For `edge_runtime.control.rate.DeadlineGrid`'s ``sleep``.
-
-    Args:
-        warm_up: the throw-away tick; it must leave no trace.
-        lead_s: how long before the end of the sleep it starts; longer than it takes.
-    """
-
-    def __init__(self, warm_up: Callable[[], object], lead_s: float) -> None:
-        self._warm_up, self._lead_s = warm_up, lead_s
-
-    def __call__(self, seconds: float) -> None:
-        """Sleep for ``seconds``; without the throw-away tick if that is less than the lead."""
-        end = time.monotonic() + seconds
-        if seconds > self._lead_s:
-            time.sleep(seconds - self._lead_s)
-            self._warm_up()
-        time.sleep(max(0.0, end - time.monotonic()))
 
 
 def main() -> int:

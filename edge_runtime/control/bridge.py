@@ -4,6 +4,7 @@ from typing import Protocol
 
 import msgspec
 
+from edge_runtime.control.start import PoseSource
 from edge_runtime.messages import Command, RobotState
 
 
@@ -33,6 +34,11 @@ class Bridge(Protocol):
     """Greatest yaw rate, likewise; 0 where the policy turns no robot."""
     complaints: tuple[str, ...]
     """What the firmware has complained of so far and driven on with, in order."""
+
+    @property
+    def poses(self) -> PoseSource | None:
+        """Tells when a state arrives; None where one is always there."""
+        ...
 
     @property
     def reaction(self) -> Reaction | None:

@@ -3,14 +3,20 @@
 import math
 import time
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
+STEP: Final = 0.1
+"""Share of a period by which a deadline is put off at most."""
+SLOWER: Final = 1e-3
+"""Share of the ticks that putting deadlines off may cost: five times what two machines' clocks part by."""
+
 
 class DeadlineGrid:
-    """Fixed absolute deadlines, one a period: late ticks are skipped and counted, never made up for.
+    """Absolute deadlines, one a period: late ticks are skipped and counted, never made up for.
 
     Args:
         period_s: distance between deadlines.
@@ -29,41 +35,76 @@ class DeadlineGrid:
         self.misses = 0
         self.longest_burst = 0
         """Most deadlines missed in a row."""
+        self.due_s = 0.0
+        """When the newest tick was to begin."""
         self._clock, self._sleep = clock, sleep
-        self._origin: float | None = None
+        self._first: float | None = None
+        self._origin = 0.0  # later than the first deadline where the deadlines followed something
         self._index = 0
+        self._wish_s, self._allowed_s = 0.0, period_s  # what deadlines are still to be put off by, and may be
 
     @property
     def next_s(self) -> float:
         """When the next deadline comes, counted from the first."""
-        return 0.0 if self._origin is None else (self._index + 1) * self.period_s
+        return 0.0 if self._first is None else self._passed_s + self.period_s
 
     @property
     def rate_hz(self) -> float:
         """Ticks per second from the first to the newest; 0 before there are two."""
-        return (self.ticks - 1) / (self._index * self.period_s) if self.ticks > 1 else 0.0
+        return (self.ticks - 1) / self._passed_s if self.ticks > 1 else 0.0
 
     def wait(self) -> float:
-        """Sleep until the next deadline still ahead and return its time.
+        """Wait until the next deadline still ahead and return its time.
 
         The first call sets the grid's origin and returns at once. A tick counts as missed if the caller
-        came after its deadline, or if the sleep lasted beyond its whole period; a sleep that long returns
+        came after its deadline, or if the wait lasted beyond its whole period; a wait that long returns
         the newest deadline, which has just passed.
         """
         self.ticks += 1
-        if self._origin is None:
-            self._origin = self._clock()
+        if self._first is None:
+            self._first = self._origin = self.due_s = self._clock()
             return self._origin
-        before = self._index
+        before = self._slots
+        self._postpone()
         elapsed = self._clock() - self._origin
         self._index = max(self._index + 1, math.ceil(elapsed / self.period_s))
-        self._sleep(max(0.0, self._origin + self._index * self.period_s - self._clock()))
+        self.due_s = self._origin + self._index * self.period_s
+        self._reach(self.due_s)
         elapsed = self._clock() - self._origin
         self._index = max(self._index, math.floor(elapsed / self.period_s))
-        missed = self._index - before - 1
+        missed = self._slots - before - 1
         self.misses += missed
         self.longest_burst = max(self.longest_burst, missed)
-        return self._origin + self._index * self.period_s
+        deadline_s = self._origin + self._index * self.period_s
+        self.due_s = max(self.due_s, deadline_s)
+        return deadline_s
+
+    @property
+    def _passed_s(self) -> float:
+        """Time from the first deadline to the newest."""
+        return self._origin - (self._first or 0.0) + self._index * self.period_s
+
+    @property
+    def _slots(self) -> int:
+        """Whole periods from the first deadline to the newest: one that was put off by a period is missed."""
+        return self._index + math.floor((self._origin - (self._first or 0.0)) / self.period_s)
+
+    def _reach(self, deadline_s: float) -> None:
+        """Wait until the tick is to begin, less than a period after its deadline."""
+        self._sleep_until(deadline_s)
+
+    def _sleep_until(self, time_s: float) -> None:
+        self._sleep(max(0.0, time_s - self._clock()))
+
+    def _postpone(self) -> None:
+        """Put all further deadlines off as is wished, in small steps.
+
+        By a period in all, and a little: nobody who is followed slows the ticks down.
+        """
+        step_s = min(self._wish_s, STEP * self.period_s, self._allowed_s)
+        self._origin += step_s
+        self._allowed_s = min(self.period_s, self._allowed_s - step_s + SLOWER * self.period_s)
+        self._wish_s -= step_s
 
 
 class Percentiles(msgspec.Struct, frozen=True):

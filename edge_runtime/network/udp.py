@@ -29,6 +29,10 @@ class Carrier(Protocol):
         """Take the packets that have arrived, at most so many that a tick can afford them."""
         ...
 
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a stream's packets have arrived."""
+        ...
+
     def close(self) -> None:
         """Give the network back."""
         ...
@@ -60,6 +64,10 @@ class UdpCarrier:
     def receive(self) -> Iterator[Datagram]:
         """Take up to `edge_runtime.network.datagrams.DRAIN` packets."""
         return self._datagrams.receive()
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self._datagrams.fileno()
 
     def close(self) -> None:
         """Close the socket."""

@@ -106,6 +106,10 @@ class ZenohCarrier:
                 if datagram is not None:
                     yield datagram if sender is None else datagram._replace(sender=sender)
 
+    def fileno(self) -> int:
+        """Return the descriptor on which streams arrive, which is UDP's."""
+        return self._udp.fileno()
+
     def close(self) -> None:
         """Leave the network, or give up on it after ``CLOSE_S``: the process ends all the same."""
         self._udp.close()

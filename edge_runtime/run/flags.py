@@ -110,9 +110,9 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
     add(
         "--early-wake",
         type=number(0.0, 100.0),
-        default=0.0,
         metavar="MS",
-        help="wake this long before each deadline and compute a tick to throw away (default: 0, not at all)",
+        help="wake this long before each tick and compute one to throw away; 0: not at all "
+        "(default: as long as that takes, where it takes little)",
     )
     add(
         "--realtime",
@@ -124,6 +124,12 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
         action="store_true",
         help="compare the slope of an own objective with finite differences of its cost in every tick; a "
         "wrong one ends the run",
+    )
+    add(
+        "--start",
+        choices=("state", "grid"),
+        default="state",
+        help="what a tick begins with: the robot's newest pose, or its deadline (default: state)",
     )
     add("--dry-run", action="store_true", help="compute everything, command nothing")
     add(

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from edge_runtime.common.command_line import complain
-from edge_runtime.common.realtime import EarlyWake, freeze_garbage
+from edge_runtime.common.realtime import freeze_garbage
 from edge_runtime.common.signals import Overdue, StopSignals
 from edge_runtime.control.bridge import Bridge
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.mission import Mission
 from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, TimingRecord
+from edge_runtime.control.start import PoseSource, StateGrid
 from edge_runtime.control.stopping import stopping
 from edge_runtime.control.trust import note_run
 from edge_runtime.errors import BridgeError, EdgeError
@@ -79,8 +80,8 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
     told = 0
     while not (reason := ending()):
         deadline_s = grid.wait()
-        timing.begin(deadline_s)
-        own = fleet.locate(bridge.read())
+        timing.begin(grid.due_s)
+        own = fleet.locate(bridge.read(), deadline_s)
         if own is None:
             monitor.no_state()
             continue
@@ -124,7 +125,8 @@ def run(
     duration_s: float,
     *,
     dry_run: bool,
-    early_wake_s: float = 0.0,
+    early_wake_s: float | None = None,
+    on_grid: bool = False,
     stay: bool = False,
     check_gradients: bool = False,
     recorder: Recorder | None = None,
@@ -139,7 +141,8 @@ def run(
         signals: end the run.
         duration_s: longest run.
         dry_run: command nothing.
-        early_wake_s: how long before each deadline a tick is computed to throw away; 0 for none.
+        early_wake_s: how long before each tick one is computed to throw away; 0 for none; None: as pays.
+        on_grid: ticks begin at their deadlines, not with the robot's poses.
         stay: goals that are held do not end the run.
         check_gradients: compare slopes of own objectives with finite differences; a wrong one ends the run.
         recorder: keeps the run's log; nobody does where None.
@@ -147,9 +150,11 @@ def run(
     Returns:
         What the run came to; ``failed`` where the link, the policy or the team ended it.
     """
-    session = _prepare(mission, controller, bridge, early_wake_s, recorder, dry_run=dry_run)
+    source = None if on_grid else fleet.poses(bridge)
+    grid = _grid(mission, controller, bridge, fleet, source, early_wake_s)
+    session = _prepare(mission, controller, bridge, grid, recorder, dry_run=dry_run)
     session.slopes = SlopeCheck() if check_gradients else None
-    monitor, grid = session.monitor, session.grid
+    monitor = session.monitor
 
     def over() -> str:
         duration = DURATION if grid.next_s >= duration_s else ""
@@ -192,17 +197,35 @@ def _prepare(
     mission: Mission,
     controller: Controller,
     bridge: Bridge,
-    early_wake_s: float,
+    grid: DeadlineGrid,
     recorder: Recorder | None,
     *,
     dry_run: bool,
 ) -> Session:
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
-    sleep = EarlyWake(controller.rehearse, early_wake_s) if early_wake_s > 0.0 else time.sleep
-    grid = DeadlineGrid(mission.period_s, sleep=sleep)
     monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps, mission.objective_set)
     timing = TimingRecord(STAGES)
     if recorder:
         recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)
     watch = open_watch(mission, monitor, grid, timing)
     return Session(mission, controller, grid, timing, monitor, watch, recorder, None, dry_run)
+
+
+def _grid(
+    mission: Mission,
+    controller: Controller,
+    bridge: Bridge,
+    fleet: TeamLink,
+    source: PoseSource | None,
+    early_wake_s: float | None,
+) -> DeadlineGrid:
+    """Pace the ticks; where nothing real is driven, no early wake pays."""
+
+    def prepare() -> None:
+        fleet.receive()
+        controller.rehearse()
+
+    if early_wake_s is None and not bridge.reaction:
+        early_wake_s = 0.0
+    longest_gap_s = bridge.reaction.deadline_s if bridge.reaction else math.inf
+    return StateGrid(mission.period_s, source, prepare, early_wake_s, longest_gap_s)

@@ -8,6 +8,8 @@ import msgspec
 from msgspec.structs import replace
 
 from edge_runtime.common.closing import Closing
+from edge_runtime.control.bridge import Bridge
+from edge_runtime.control.start import PoseSource
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, RobotState, Teammate, TeamState
 from edge_runtime.network.datagrams import Datagram
@@ -19,7 +21,7 @@ from edge_runtime.team.handover import Takeover
 from edge_runtime.team.order_service import OrderService
 from edge_runtime.team.peer import Peer
 from edge_runtime.team.report import FleetReport, Traffic
-from edge_runtime.team.streams import Streams
+from edge_runtime.team.streams import Stream, Streams
 from edge_runtime.team.tick import TeamTick
 
 REST_M_S: Final = 0.05
@@ -101,10 +103,18 @@ class NetworkTeam(Closing):
         """The team's newest tick."""
         return self._tick.number
 
-    def locate(self, bridge: RobotState | None) -> RobotState | None:
+    def poses(self, bridge: Bridge) -> PoseSource | None:
+        """Return what tells the robot's poses: its stream, or the bridge."""
+        return StreamedPoses(self, self._carrier, self._streams.pose) if self._streams.pose else bridge.poses
+
+    def receive(self) -> None:
+        """Take in what has arrived; after the first tick."""
+        self._receive(self._clock())
+
+    def locate(self, bridge: RobotState | None, due_s: float | None = None) -> RobotState | None:
         """Begin a tick: take what has arrived, and return the own state as the fleet wants it."""
         now = self._clock()
-        self._tick.advance(now)
+        self._tick.advance(now if due_s is None else due_s)
         self._service.begin(now, self._tick.number)
         self._receive(now)
         self._streams.ask(now)
@@ -179,7 +189,7 @@ class NetworkTeam(Closing):
         for taken, datagram in enumerate(self._carrier.receive(), 1):
             try:
                 if datagram.content.startswith(Magic.ORDER):
-                    self._service.handle(datagram)
+                    self._service.handle(datagram, now_s)
                 elif datagram.content.startswith(Magic.STREAM):
                     self._streams.handle(datagram)
                 else:
@@ -254,6 +264,19 @@ class NetworkTeam(Closing):
         if self._agreed:
             return ""
         return f"robot {differing[0]} follows other objectives than this one"
+
+
+class StreamedPoses:
+    """The poses of a stream, see `edge_runtime.control.start.PoseSource`."""
+
+    def __init__(self, team: NetworkTeam, carrier: Carrier, stream: Stream) -> None:
+        self._team, self._stream = team, stream
+        self.fileno = carrier.fileno
+
+    def new_poses(self) -> Sequence[float]:
+        """Take in what has arrived; returns when each new pose was measured."""
+        self._team.receive()
+        return self._stream.stamps()
 
 
 def _at_rest(mate: Teammate) -> Teammate:

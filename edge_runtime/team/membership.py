@@ -11,7 +11,9 @@ from edge_runtime.common.toml_file import refuse
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.keys import operator_key, team_key
 from edge_runtime.config.network import CarrierSettings, Endpoint, Robot, endpoint
+from edge_runtime.control.bridge import Bridge
 from edge_runtime.control.mission import Mission
+from edge_runtime.control.start import PoseSource
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, Reading, RobotState, Teammate, TeamState, TrackedObject
@@ -75,8 +77,19 @@ class TeamLink(Protocol):
         """Why an operator ended the run; empty if none did."""
         ...
 
-    def locate(self, bridge: RobotState | None) -> RobotState | None:
+    def poses(self, bridge: Bridge) -> PoseSource | None:
+        """Return what tells the poses on which the robot's ticks act; None where one is always there."""
+        ...
+
+    def receive(self) -> None:
+        """Take in what has arrived, after the first tick, ahead of one that will then have less to do."""
+        ...
+
+    def locate(self, bridge: RobotState | None, due_s: float | None = None) -> RobotState | None:
         """Begin a tick: take what has arrived, and return the own state in the team's frame.
+
+        The team's number of the tick is that of ``due_s``, its deadline in monotonic time, however late it
+        begins; None: now.
 
         That is the bridge's where the fleet names no pose stream; None where there is none yet.
         """
@@ -134,7 +147,14 @@ class LocalTeam(Closing):
 
     stop_reason = ""
 
-    def locate(self, bridge: RobotState | None) -> RobotState | None:
+    def poses(self, bridge: Bridge) -> PoseSource | None:
+        """Return the bridge's."""
+        return bridge.poses
+
+    def receive(self) -> None:
+        """Nothing arrives."""
+
+    def locate(self, bridge: RobotState | None, due_s: float | None = None) -> RobotState | None:  # noqa: ARG002
         """Return the bridge's state."""
         return bridge
 

@@ -55,14 +55,15 @@ class OrderService:
         self._now_s, self._tick = now_s, tick
         self._rate.tick(now_s)
 
-    def handle(self, datagram: Datagram) -> None:
+    def handle(self, datagram: Datagram, now_s: float) -> None:
         """Obey and answer a packet.
 
         Raises:
             FrameError: if it is not an operator's, not for this run, or expired; it is not answered.
         """
         order = decode_order(datagram.content, self._key)
-        complaint = self.orders.obey(order, self._now_s)
+        self._now_s = now_s
+        complaint = self.orders.obey(order, now_s)
         self._newest = order, datagram
         self._answer(order, datagram, complaint)
 

@@ -4,6 +4,7 @@ The robot asks each source for its stream a few times a second; the requests car
 recordings worthless, and a source speaks to robots that ask. A pose or ranges older than 100 ms are not used.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
@@ -26,6 +27,8 @@ down from the last one."""
 STALE_S: Final = 0.1
 REQUEST_S: Final = 0.1
 """Time between two requests."""
+MOST_NEW: Final = 64
+"""Frames of which the stamps are kept until somebody asks for them."""
 
 
 class Stream:
@@ -58,6 +61,7 @@ class Stream:
         self._source, self._robot_id, self._request, self._values = source, robot_id, request, values
         self._key, self._carrier = key, carrier
         self._session: Session[StreamFrame] = Session()
+        self._new: deque[float] = deque(maxlen=MOST_NEW)
         self._boot_id, self._sequence, self._due_s = random_nonce(), 0, 0.0
 
     def ask(self, now_s: float) -> None:
@@ -83,6 +87,13 @@ class Stream:
         if self._values not in (None, len(frame.values)):
             raise FrameError(Refusal.MALFORMED)
         self._session.admit(frame, arrival_s)
+        self._new.append(self._session.measured_s)
+
+    def stamps(self) -> Sequence[float]:
+        """Return when what came since the last call was measured, by our clock."""
+        stamps = tuple(self._new)
+        self._new.clear()
+        return stamps
 
     def newest(self) -> StreamFrame | None:
         """Return the newest frame, stamped in our clock; None before the first."""
@@ -113,7 +124,8 @@ class Streams:
         sensors: Sequence[Stream] = (),
         axes: ActionAxes | None = None,
     ) -> None:
-        self._robot_id, self._pose, self._ranges, self._key = robot_id, pose, ranges, key
+        self.pose = pose
+        self._robot_id, self._ranges, self._key = robot_id, ranges, key
         self._objects, self._sensors, self._axes = objects, sensors, axes or ActionAxes()
         every = (pose, ranges, *(stream for stream, _ in objects), *sensors)
         self._all = {(stream.content, stream.tag): stream for stream in every if stream}
@@ -138,9 +150,9 @@ class Streams:
         How it moves and turns is the stream's. The stamp is the older one of stream and bridge: a base whose
         feedback is stale must not be driven by a fresh pose.
         """
-        if self._pose is None:
+        if self.pose is None:
             return bridge
-        newest = self._pose.newest()
+        newest = self.pose.newest()
         if newest is None:
             return None
         pose = newest.pose()
@@ -177,4 +189,4 @@ class Streams:
 
     def for_base(self, command: Command) -> Command:
         """Turn a command from the team's frame into the one in which the bridge's odometry lives."""
-        return turned(command, self._turn_rad, self._axes) if self._pose else command
+        return turned(command, self._turn_rad, self._axes) if self.pose else command

@@ -38,7 +38,7 @@ class TeamTick:
         self._leaped_s: dict[int, float] = {}
 
     def advance(self, now_s: float) -> None:
-        """Begin a tick; ``now_s`` is monotonic. Waking late by less than half a period changes nothing."""
+        """Begin a tick of a monotonic time; less than half a period later it is still the same."""
         if self._zero_s is None:
             self._zero_s = now_s
         self.number = max(self.number, round((now_s - self._zero_s) / self._period_s))

@@ -5,7 +5,8 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from edge_runtime.common.child import start_child
@@ -33,6 +34,9 @@ STOPPING_S = 15.0
 ENDING_S = 1.0
 """Longest wait for the system to tell how a guard ended whose socket has closed."""
 
+MOST_POSES = 64
+"""Of which the stamps are kept until somebody asks for them."""
+
 Self = TypeVar("Self", bound="GuardedBridge")
 
 
@@ -54,6 +58,7 @@ class GuardedBridge:
         self._firmware_timeout_s: float | None = None
         self._reason = ""
         self._state: RobotState | None = None
+        self._new_poses: deque[float] = deque(maxlen=MOST_POSES)
         self._opened = False
         self._connected = False
         self._socket = socket.socket()
@@ -86,6 +91,22 @@ class GuardedBridge:
         if self._process is None:
             raise BridgeError("the bridge is not open: use it in a with statement")
         return self._process.pid
+
+    @property
+    def poses(self: Self) -> Self:
+        """This bridge, see `edge_runtime.control.start.PoseSource`."""
+        return self
+
+    def fileno(self) -> int:
+        """Return the descriptor on which states arrive."""
+        return self._socket.fileno()
+
+    def new_poses(self) -> Sequence[float]:
+        """Take in what has arrived; returns the stamps of the states that came since the last call."""
+        self._receive()
+        poses = tuple(self._new_poses)
+        self._new_poses.clear()
+        return poses
 
     @property
     def reaction(self) -> Reaction:
@@ -173,6 +194,8 @@ class GuardedBridge:
         else:
             self.counts = answer.counts
             self._firmware_timeout_s = answer.firmware_timeout_s
+            if answer.state and (self._state is None or answer.state.stamp_s != self._state.stamp_s):
+                self._new_poses.append(answer.state.stamp_s)
             self._state = answer.state or self._state
 
     def _ending(self) -> str:

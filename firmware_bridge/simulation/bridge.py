@@ -36,6 +36,7 @@ class SimBridge(Closing):
     name = "sim"
     max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints: tuple[str, ...] = ()
+    poses = None
     reaction = None
 
     def __init__(

@@ -35,8 +35,8 @@ def simulated_time():
         clock.sleep(seconds)
         time.sleep(0.1 * seconds)
 
-    def grid(period_s, **_):
+    def grid(period_s, *_):
         return DeadlineGrid(period_s, clock, sleep)
 
-    with mock.patch.object(loop, "DeadlineGrid", grid):
+    with mock.patch.object(loop, "StateGrid", grid):
         yield

@@ -4,14 +4,11 @@ import gc
 import os
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pytest
-from clocks import Clock
 
 from edge_runtime.common import realtime
-from edge_runtime.common.realtime import EarlyWake, enter_realtime, freeze_garbage
-from edge_runtime.control.rate import DeadlineGrid
+from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.errors import ConfigError
 
 
@@ -81,26 +78,3 @@ def test_frozen_garbage_is_not_visited():
         assert gc.get_freeze_count() > before
     finally:
         gc.unfreeze()
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """Time that passes by sleeping."""
-    made = Clock()
-    monkeypatch.setattr(realtime, "time", SimpleNamespace(monotonic=made, sleep=made.sleep))
-    return made
-
-
-def test_an_early_wake_warms_up_before_the_deadline_and_keeps_it(clock):
-    warmed = []
-    sleep = EarlyWake(lambda: warmed.append(clock.now) or clock.sleep(0.125), lead_s=0.25)
-    grid = DeadlineGrid(0.5, clock, sleep)
-    assert [grid.wait() for _ in range(3)] == [100.0, 100.5, 101.0]
-    assert warmed == [100.25, 100.75]
-    assert clock.now == 101.0
-
-
-def test_a_sleep_shorter_than_the_lead_has_no_throw_away_tick(clock):
-    warmed = []
-    EarlyWake(lambda: warmed.append(1), lead_s=1.0)(0.5)
-    assert (warmed, clock.now) == ([], 100.5)

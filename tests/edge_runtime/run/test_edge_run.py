@@ -210,6 +210,7 @@ class ScriptedBridge:
     """A robot that reports what the script says, and keeps what it was told."""
 
     name = "scripted"
+    poses = None
     max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints = ()
     reaction = None

@@ -1,0 +1,180 @@
+"""When a tick begins: with the pose that it acts on, or at its deadline where no pose is to be expected.
+
+Between two deadlines lies one period, and between them lies one tick: it begins at its deadline if a pose has
+just arrived, else with the first one to arrive after it, `PATIENCE` of a period later at the latest. So
+nothing that a source does makes more ticks than there are deadlines, nor fewer. Where every pose comes long
+after a deadline, the deadlines follow, by small steps that the grid allows.
+"""
+
+import math
+import select
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from edge_runtime.control.rate import DeadlineGrid
+
+PATIENCE: Final = 0.5
+"""Share of a period that a tick waits for its pose at most; two ticks are never nearer than the rest."""
+FRESH: Final = 0.05
+"""Share of a period: a pose that came so shortly before the deadline is the tick's."""
+TOGETHER: Final = 0.1
+"""Share of a period: poses that come within it count as one for the source's rhythm."""
+BUSY: Final = 0.8
+"""Share of a period by whose end a tick that has waited must be done."""
+REMEMBERED: Final = 5
+"""Intervals whose median is the source's rhythm, and ticks that tell whether deadlines come too early."""
+LOST: Final = 3
+"""So many poses may be lost in a row before none is expected any more."""
+
+
+WAKING_S: Final = 0.3e-3
+"""A sleep may end so late."""
+COLD: Final = 4.0
+"""After a sleep everything takes up to so many times as long."""
+MOST_LEAD: Final = 0.1
+"""Share of a period that preparing may take to pay."""
+
+
+class PoseSource(Protocol):
+    """Where the poses come from on which a robot's ticks act."""
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a pose may have arrived."""
+        ...
+
+    def new_poses(self) -> Sequence[float]:
+        """Take in what has arrived; returns when each pose was measured that came since the last call."""
+        ...
+
+
+class Rhythm:
+    """When poses come, told by the newest ones.
+
+    Args:
+        together_s: poses that come within this time count as one.
+    """
+
+    def __init__(self, together_s: float) -> None:
+        self.newest_s = -math.inf
+        self.interval_s = math.inf
+        """Between two poses; infinite until that is known."""
+        self._together_s, self._counted_s = together_s, -math.inf
+        self._intervals: deque[float] = deque(maxlen=REMEMBERED)
+
+    def heard(self, pose_s: float) -> None:
+        """Take in when a pose was measured."""
+        self.newest_s = max(self.newest_s, pose_s)
+        interval_s = pose_s - self._counted_s
+        if interval_s < self._together_s:
+            return
+        self._counted_s = pose_s
+        if interval_s < math.inf:
+            self._intervals.append(interval_s)
+        if len(self._intervals) == REMEMBERED:
+            self.interval_s = sorted(self._intervals)[REMEMBERED // 2]
+
+    def next_s(self, after_s: float, now_s: float) -> float:
+        """Return when the first pose after a time is expected; infinite if none is."""
+        if not now_s - self._counted_s <= (1 + LOST) * self.interval_s < math.inf:
+            return math.inf
+        ahead = math.ceil((after_s - self._counted_s) / self.interval_s)
+        return self._counted_s + max(1, ahead) * self.interval_s
+
+
+def lead_for(prepare: Callable[[], object], period_s: float) -> float:
+    """Return how long before a tick to ``prepare`` for it; 0 where that takes too much of a period to pay."""
+    prepare()  # once to load what it needs
+    begin_s = time.perf_counter()
+    prepare()
+    lead_s = WAKING_S + COLD * (time.perf_counter() - begin_s)
+    return lead_s if lead_s < MOST_LEAD * period_s else 0.0
+
+
+class StateGrid(DeadlineGrid):
+    """A deadline grid whose ticks begin with a pose.
+
+    Args:
+        period_s: distance between deadlines.
+        source: tells the poses; None where one is always there: ticks begin at their deadlines.
+        prepare: called ``lead_s`` before a tick is expected to begin, for what can be done by then; it must
+            leave no trace.
+        lead_s: longer than that takes; 0: not at all; None: as `lead_for` finds after the first tick.
+        longest_gap_s: two ticks may be so far apart that the robot's guard does not mind.
+        clock: monotonic time in seconds.
+        sleep: waits for a number of seconds; may return late.
+        listen: waits until the source is readable, or for a number of seconds.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        source: PoseSource | None,
+        prepare: Callable[[], object] = lambda: None,
+        lead_s: float | None = 0.0,
+        longest_gap_s: float = math.inf,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+        listen: Callable[[PoseSource, float], object] = lambda source, s: select.select((source,), (), (), s),
+    ) -> None:
+        super().__init__(period_s, clock, sleep)
+        self._source, self._prepare, self._lead_s, self._listen = source, prepare, lead_s, listen
+        self._patience_s = min(PATIENCE * period_s, 0.5 * (longest_gap_s - period_s))
+        self._fresh_s = FRESH * period_s
+        self._rhythm = Rhythm(TOGETHER * period_s)
+        self._late_s: list[float] = []
+        self._begun_s, self._busy_s = math.inf, 0.0
+
+    def wait(self) -> float:
+        """Wait until the next tick is to begin and return its deadline; see `DeadlineGrid.wait`."""
+        self._busy_s = max(0.9 * self._busy_s, self._clock() - self._begun_s)
+        if self._lead_s is None and self.ticks:
+            self._lead_s = lead_for(self._prepare, self.period_s)
+        deadline_s = super().wait()
+        self._begun_s = self._clock()
+        return deadline_s
+
+    def _reach(self, deadline_s: float) -> None:
+        """Wait for the tick's pose, or for its deadline where none is expected in time."""
+        self._look()
+        expected_s = self._rhythm.next_s(deadline_s - self._fresh_s, self._clock())
+        patience_s = max(0.0, min(self._patience_s, BUSY * self.period_s - self._busy_s))
+        last_s = deadline_s + patience_s
+        waits = expected_s <= last_s
+        self._prepare_for(max(expected_s, deadline_s) if waits else deadline_s)
+        if waits:
+            late_s = 0.25 * self._rhythm.interval_s + self._fresh_s
+            self._await_pose(deadline_s - self._fresh_s, min(expected_s + late_s, last_s))
+        self._sleep_until(deadline_s)
+        if waits:
+            self.due_s = max(deadline_s, self._rhythm.newest_s)
+        self._follow(expected_s - deadline_s)
+
+    def _follow(self, late_s: float) -> None:
+        """Where every pose comes so late that patience might not last, have the deadlines put off."""
+        if self._wish_s <= 0.0:
+            self._late_s.append(late_s)
+        if len(self._late_s) == REMEMBERED:
+            least_s = min(self._late_s)
+            if least_s < self.period_s:
+                self._wish_s = max(0.0, least_s - 0.5 * self._patience_s)
+            self._late_s.clear()
+
+    def _prepare_for(self, begin_s: float) -> None:
+        if self._lead_s and self._lead_s < begin_s - self._clock():
+            self._sleep_until(begin_s - self._lead_s)
+            self._prepare()
+
+    def _await_pose(self, after_s: float, until_s: float) -> None:
+        self._look()
+        while self._source and self._rhythm.newest_s < after_s:
+            left_s = until_s - self._clock()
+            if left_s <= 0.0:
+                return
+            self._listen(self._source, left_s)
+            self._look()
+
+    def _look(self) -> None:
+        for pose_s in self._source.new_poses() if self._source else ():
+            self._rhythm.heard(pose_s)
