@@ -124,7 +124,7 @@ class Monitor:
                 self.robots[state.robot_id].goal_distance_m = math.dist(state.position_m, goal_m)
         for each in team.tracked:
             if each.name in self.objects and each.goal_m:
-                self.objects[each.name] = math.dist(each.position_m, each.goal_m)
+                self.objects[each.name] = math.dist(each.position_m[:2], each.goal_m[:2])
         self._held = self._held + 1 if 0 < self.goals == self.goals_reached else 0
 
     def _measure(self, states: list[RobotState], team: TeamState) -> None:

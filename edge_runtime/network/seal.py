@@ -43,6 +43,8 @@ class Refusal(enum.Enum):
     IMPERSONATED = "impersonated"
     """Made by a robot as which the carrier did not let it through."""
     NOT_FINITE = "not finite"
+    OTHER_BODY = "it moves or acts in other dimensions"
+    """It runs a policy for another body."""
     EXPIRED = "expired"
     """An operator's order for an earlier run or an earlier time: a recording."""
     UNANSWERED = "unanswered"
@@ -59,7 +61,7 @@ class Refusal(enum.Enum):
     """Made with the key, and no robot's that is in order: it lies, or its memory is damaged."""
 
 
-DOUBTS: Final = (Refusal.TICK_LEAPS, Refusal.SEQUENCE_LEAPS, Refusal.RESTARTS)
+DOUBTS: Final = (Refusal.OTHER_BODY, Refusal.TICK_LEAPS, Refusal.SEQUENCE_LEAPS, Refusal.RESTARTS)
 """What a teammate is kept out for, until it says what it can have come to."""
 
 

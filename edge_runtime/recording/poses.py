@@ -17,6 +17,8 @@ def team_poses(team: TeamState, time_ns: int) -> PosesInFrame:
 
 
 def _pose(state: RobotState) -> Pose:
-    x, y = state.position_m
+    x, y, *height = state.position_m
     half = 0.5 * state.heading_rad if math.isfinite(state.heading_rad) else math.nan
-    return Pose(Vector3(x, y, 0.0), Quaternion(0.0, 0.0, math.sin(half), math.cos(half)))
+    return Pose(
+        Vector3(x, y, height[0] if height else 0.0), Quaternion(0.0, 0.0, math.sin(half), math.cos(half))
+    )

@@ -23,6 +23,7 @@ from edge_runtime.recording.schema import (
     TICK_CHANNELS,
     Inputs,
     Record,
+    Start,
     Tick,
 )
 
@@ -66,6 +67,7 @@ def read_log(path: Path) -> Iterator[Record | Damage]:
 
 def _records(file: BinaryIO, path: Path) -> Iterator[Record | Damage]:
     parts: dict[str, Any] = {}
+    start: Start | None = None
     started, newest = False, None
     for item in _messages(file, path):
         if isinstance(item, Damage):
@@ -83,6 +85,7 @@ def _records(file: BinaryIO, path: Path) -> Iterator[Record | Damage]:
             yield _damage(f"a message on /{topic} does not read ({first_line(error)})", newest)
             return
         if topic not in TICK_CHANNELS:
+            start = record if isinstance(record, Start) else start
             yield record
             continue
         parts[topic] = record
@@ -91,8 +94,12 @@ def _records(file: BinaryIO, path: Path) -> Iterator[Record | Damage]:
             if not _follows(inputs, newest):
                 yield _damage(f"tick {inputs.number} is out of order", newest)
                 return
+            tick = Tick(**parts)
+            if fault := tick.fault(start.fleet.dims) if start else "":
+                yield _damage(f"tick {inputs.number} has {fault}", newest)
+                return
             newest = inputs
-            yield Tick(**parts)
+            yield tick
             parts.clear()
 
 

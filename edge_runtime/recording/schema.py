@@ -103,6 +103,14 @@ class FleetIdentity(msgspec.Struct, frozen=True):
         check_bounds(self, {"goal_tolerance_m": (0.0, GREATEST)})
         if not 0 < len({robot.robot_id for robot in self.robots}) == len(self.robots) <= MOST_ROBOTS:
             raise ValueError(f"`robots` must be 1 to {MOST_ROBOTS}, each with an id of its own")
+        places = [place for robot in self.robots for place in (robot.start_m, robot.goal_m) if place]
+        if len(set(map(len, places))) != 1:
+            raise ValueError("`robots` must all be in the plane, or all in space")
+
+    @property
+    def dims(self) -> int:
+        """Components of every robot's position: 2 in the plane, 3 in space."""
+        return len(self.robots[0].start_m)
 
 
 class Settings(msgspec.Struct, frozen=True):
@@ -264,6 +272,18 @@ class Tick(msgspec.Struct, frozen=True, gc=False):
     command: Command
     """The action within its limits."""
     timing: StageTimes
+
+    def fault(self, dims: int) -> str:
+        """Say which vectors are not of the fleet's dimensions, or not of one policy's; empty if all are."""
+        mates = self.state.teammates + self.state.silent
+        states = (self.state.own, *(mate.state for mate in mates))
+        places = [vector for state in states for vector in (state.position_m, state.velocity_m_s)]
+        if {len(place) for place in (*places, self.command.velocity_m_s)} != {dims}:
+            return f"a position or velocity that has not {dims} components"
+        actions = [self.inputs.start, self.inputs.previous_action, self.action.action, self.command.action]
+        if len({len(action) for action in (*actions, *(mate.intended_action for mate in mates))}) != 1:
+            return "actions of different lengths"
+        return ""
 
 
 class Time(msgspec.Struct, frozen=True):

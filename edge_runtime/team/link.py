@@ -45,6 +45,10 @@ class TeamRules(msgspec.Struct, frozen=True):
     """How long a tick takes in packets once it has had a few from everybody: what a flood may cost."""
     period_s: float
     """The control period."""
+    dims: int = 2
+    """Components of every robot's position."""
+    action_dim: int = 2
+    """Components of every robot's action."""
 
 
 class NetworkTeam(Closing):
@@ -84,6 +88,7 @@ class NetworkTeam(Closing):
         self._turn = tuple(others) if rules.nearest < len(rules.neighbours) else ()
         self._wanted: frozenset[int] = frozenset(rules.neighbours)
         self._fair_share = 4 * len(others)
+        self._body = rules.dims, rules.action_dim
         self._traffic = Traffic()
         self._tick = TeamTick(rules.period_s)
         self._guide_tick, self._new_guide, self._agreed = 0, False, False
@@ -207,6 +212,8 @@ class NetworkTeam(Closing):
         if datagram.sender not in (None, peer.robot_id):
             raise FrameError(Refusal.IMPERSONATED)
         try:
+            if (len(frame.state.position_m), len(frame.intended_action)) != self._body:
+                raise FrameError(Refusal.OTHER_BODY)
             peer.check(frame, datagram.arrival_s)
             self._tick.hear(peer.robot_id, frame.tick, now_s)
         except FrameError as error:

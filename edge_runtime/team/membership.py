@@ -285,6 +285,7 @@ def _streams(fleet: Fleet, robot: Robot, manifest: Manifest, key: bytes, carrier
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:
+    manifest = mission.bundle.manifest
     neighbours = mission.fleet.robot(mission.robot_id).neighbours
     neighbours = others if neighbours is None else neighbours
     return TeamRules(
@@ -295,6 +296,8 @@ def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...])
         missing_s=settings.missing_s,
         receiving_s=RECEIVING_SHARE * mission.period_s,
         period_s=mission.period_s,
+        dims=manifest.motion.dims,
+        action_dim=manifest.action_dim,
     )
 
 

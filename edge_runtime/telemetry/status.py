@@ -46,6 +46,10 @@ class Status(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     position_m: FinitePlace | None
     """None, as of everything that is measured, while it is unknown."""
     velocity_m_s: FinitePlace | None
+    heading_rad: Finite | None
+    yaw_rate_rad_s: Finite | None
+    action: tuple[Finite, ...]
+    """The newest command's."""
     speed_limit_m_s: Finite | None
     goal_distance_m: Finite | None
     nearest_m: Finite | None

@@ -142,6 +142,9 @@ class StatusSender:
             sent_s=time.time(),
             position_m=_known_place(own.position_m),
             velocity_m_s=_known_place(own.velocity_m_s),
+            heading_rad=_known(own.heading_rad),
+            yaw_rate_rad_s=_known(own.yaw_rate_rad_s),
+            action=command.action,
             speed_limit_m_s=self._wanted.speed_limit_m_s,
             goal_distance_m=_known(monitor.robots[own.robot_id].goal_distance_m),
             nearest_m=_known(

@@ -43,6 +43,45 @@ def write(path, records, chunk_ticks=50):
     return path
 
 
+def in_space(path, target, height_m=2.0):
+    """Copy a log of robots in the plane as one of robots in space that act by one more component."""
+
+    def state(own):
+        place, speed = (*own.position_m, height_m), (*own.velocity_m_s, 0.0)
+        return replace(own, position_m=place, velocity_m_s=speed)
+
+    def mates(found):
+        return tuple(
+            replace(mate, state=state(mate.state), intended_action=(*mate.intended_action, 0.0))
+            for mate in found
+        )
+
+    def lifted(tick):
+        inputs, action, command, team = tick.inputs, tick.action, tick.command, tick.state
+        team = replace(team, own=state(team.own), teammates=mates(team.teammates), silent=mates(team.silent))
+        return replace(
+            tick,
+            inputs=replace(
+                inputs, start=(*inputs.start, 0.0), previous_action=(*inputs.previous_action, 0.0)
+            ),
+            state=team,
+            action=replace(action, action=(*action.action, 0.0), correction=(*action.correction, 0.0)),
+            command=replace(
+                command, action=(*command.action, 0.0), velocity_m_s=(*command.velocity_m_s, 0.0)
+            ),
+        )
+
+    def placed(start):
+        robots = tuple(
+            replace(robot, start_m=(*robot.start_m, height_m), goal_m=(*robot.goal_m, height_m))
+            for robot in start.fleet.robots
+        )
+        return replace(start, fleet=replace(start.fleet, robots=robots))
+
+    change = {Tick: lifted, Start: placed}
+    return write(target, [change.get(type(item), lambda one: one)(item) for item in read_log(path)])
+
+
 def with_tick(path, target, number, **changes):
     """Copy a log with parts of one tick exchanged: ``command=lambda command: ...``."""
     records = list(read_log(path))

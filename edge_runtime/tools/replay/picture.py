@@ -1,5 +1,6 @@
 """The picture of what a robot did and what it would have done instead; needs matplotlib."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from edge_runtime.messages import Command
 from edge_runtime.recording.schema import RobotPlace
 from edge_runtime.tools.replay.question import Answer, speeds_m_s
 
@@ -22,7 +24,7 @@ LONGEST: Final = 0.2
 
 
 def draw(answer: Answer, question: str, path: Path) -> None:
-    """Write the picture: the way with both actions, both commanded speeds, the distance of the actions."""
+    """Write the picture: the way with what both actions do, both commanded speeds, the actions' distance."""
     mpl.rcParams["text.parse_math"] = False  # names are no formulas
     figure, panels = plt.subplot_mosaic(
         [["way", "speed"], ["way", "change"]], figsize=(10, 5), layout="constrained"
@@ -41,22 +43,28 @@ def draw(answer: Answer, question: str, path: Path) -> None:
     plt.close(figure)
 
 
+def _velocities(commands: Iterable[Command]) -> np.ndarray:
+    """Commanded velocities (T, 2) in the plane."""
+    return np.array([command.velocity_m_s[:2] for command in commands])
+
+
 def _draw_way(axes: Axes, answer: Answer, place: RobotPlace) -> None:
-    way = np.array(answer.positions_m)
+    way = np.array(answer.positions_m)[:, :2]  # from above
     axes.plot(*way.T, color="lightgrey", lw=3, zorder=1)
-    axes.plot(*place.start_m, "o", color="grey", label="start")
+    axes.plot(*place.start_m[:2], "o", color="grey", label="start")
     if place.goal_m:
-        axes.plot(*place.goal_m, "*", color="black", ms=12, label="goal")
+        axes.plot(*place.goal_m[:2], "*", color="black", ms=12, label="goal")
     shown = np.unique(np.linspace(0, len(way) - 1, ARROWS).astype(int))
-    every = np.array([command.action for command in (*answer.done, *answer.instead)])
+    before = np.array(answer.velocities_m_s)[:, :2]
+    pushes = [_velocities(commands) - before for commands in (answer.done, answer.instead)]
+    every = np.concatenate(pushes)
     scale = np.abs(every).max() / (LONGEST * max(np.ptp(way), 1e-3)) or 1.0
-    for commands, colour, label in ((answer.done, DONE, "as it was"), (answer.instead, INSTEAD, "instead")):
-        actions = np.array([commands[index].action for index in shown])
+    for push, colour, label in zip(pushes, (DONE, INSTEAD), ("as it was", "instead"), strict=True):
         axes.quiver(
             *way[shown].T,
-            *actions.T,
+            *push[shown].T,
             color=colour,
-            label=f"action, {label}",
+            label=f"change of velocity, {label}",
             angles="xy",
             scale_units="xy",
             scale=scale,

@@ -23,6 +23,7 @@ class Answer:
     times_s: list[float] = field(default_factory=list)
     """From the run's start."""
     positions_m: list[Vector] = field(default_factory=list)
+    velocities_m_s: list[Vector] = field(default_factory=list)
     done: list[Command] = field(default_factory=list)
     instead: list[Command] = field(default_factory=list)
 
@@ -30,6 +31,7 @@ class Answer:
         """Ask about one tick."""
         self.times_s.append(tick.inputs.deadline_s - self.start.started_s)
         self.positions_m.append(tick.state.own.position_m)
+        self.velocities_m_s.append(tick.state.own.velocity_m_s)
         self.done.append(tick.command)
         seen = replay.observe(tick)
         self.instead.append(replay.limit(tick, replay.act(tick, seen), seen))

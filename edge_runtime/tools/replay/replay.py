@@ -69,7 +69,8 @@ class Replay:
         own: the sources of the user's own that may run here.
 
     Raises:
-        ConfigError: if the policy observes by other code of somebody's own.
+        ConfigError: if the policy observes by other code of somebody's own, or is for another body; from
+            `observe` too.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class Replay:
         robots = {robot.robot_id: robot for robot in start.fleet.robots}
         adaptation = start.settings.adaptation
         bundle = adapt(bundle, adaptation)
+        _check_size(start.fleet.dims, bundle.manifest.motion.dims, "positions")
         self._observer = Observer(
             bundle.manifest,
             robots[start.robot_id].goal_m or NOWHERE,
@@ -108,6 +110,7 @@ class Replay:
     def observe(self, tick: Tick) -> Observation:
         """The observation of the recorded state."""
         inputs = tick.inputs
+        _check_size(len(inputs.previous_action), self._manifest.action_dim, "actions")
         values = self._observer.observe(tick.state, inputs.previous_action, inputs.elapsed_s)[0]
         field = self._familiarity.strangest(values)
         if field:
@@ -194,6 +197,11 @@ def recorded_objectives(
             )
     tables = [{**logged.fields(), "type": logged.kind} for logged in active]
     return make_objective_set({"guidance": guidance, "objectives": tables}, path, own)
+
+
+def _check_size(recorded: int, wanted: int, what: str) -> None:
+    if recorded != wanted:
+        raise ConfigError(f"the log's {what} have {recorded} components, the policy's {wanted}")
 
 
 def _limits(start: Start, bundle: Bundle) -> RobotLimits:

@@ -50,14 +50,15 @@ def scene_of(run: RunDigest) -> Scene:
     if not places:
         raise ConfigError("the log says of no robot of its fleet where it was")
     motion = np.stack([run.motion[place.robot_id] for place in places], 1)
-    team = team_of([run])
+    team, dims = team_of([run]), run.start.fleet.dims
     speeds = limits(team, "speed_limit", "limit_m_s", "m/s")
     margins = limits(team, "safety_margin", "distance_m", "m")
     return Scene(
         title=f"{run.start.bundle.name}",
         period_s=(run.time_s[-1] - run.time_s[0]) / max(1, len(run.time_s) - 1) or 1.0,
         position_m=motion[..., :2],
-        velocity_m_s=motion[..., 2:],
+        velocity_m_s=motion[..., dims:],
+        height_m=motion[..., 2] if dims == 3 else None,
         goals_m=[_in_plane(place.goal_m) for place in places],
         radius_m=run.start.bundle.radius_m,
         speed_limit_m_s=min((limit.value for limit in speeds), default=None),

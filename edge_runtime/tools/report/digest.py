@@ -144,7 +144,7 @@ def _arranged(
         events,
         end,
         np.array(columns.time_s),
-        {robot: _filled(rows, count, 4) for robot, rows in sorted(columns.motion.items())},
+        {robot: _filled(rows, count, 2 * start.fleet.dims) for robot, rows in sorted(columns.motion.items())},
         {name: _filled(rows, count, 2) for name, rows in columns.objects.items()},
         {robot: _filled(rows, count, 1)[:, 0] for robot, rows in sorted(columns.age_s.items())},
         _drawn(np.array(columns.stage_us, np.float64).reshape(count, len(STAGES))),

@@ -94,8 +94,11 @@ def _records(opened: _Opened, notes: list[str]) -> Iterator[Record]:
 
 def _check_robots(by_run: dict[str, list[_Opened]]) -> None:
     seen: dict[int, Path] = {}
+    dims = {parts[0].start.fleet.dims for parts in by_run.values()}
     for parts in by_run.values():
         robot_id, path = parts[0].start.robot_id, parts[0].path
+        if len(dims) > 1:
+            raise ConfigError(f"{path}: some logs are of robots in the plane, others of robots in space")
         if robot_id in seen:
             raise ConfigError(
                 f"{path}: is another run of robot {robot_id} than {seen[robot_id]}; "

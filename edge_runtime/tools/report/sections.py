@@ -29,7 +29,9 @@ def make_page(team: TeamDigest, notes: tuple[str, ...] = ()) -> Page:
         f"{start.settings.bridge} bridge, {start.settings.rate_hz:g} Hz, {logs}"
     )
     sections = (
-        Section("Where they went", [*(Note(text, warning=True) for text in notes), _map(team)]),
+        Section(
+            "Where they went", [*(Note(text, warning=True) for text in notes), _map(team), *_heights(team)]
+        ),
         Section("Against the limits", _against_limits(team)),
         Section("Objectives", _objectives(team)),
         Section("Faults and events", timeline.items(team)),
@@ -101,7 +103,7 @@ def _against(
 def _map(team: TeamDigest) -> Figure:
     start = team.runs[0].start
     tracks = [
-        Track(track.name, track.position_m, track.place.goal_m, start.bundle.radius_m)
+        Track(track.name, track.position_m[:, :2], track.place.goal_m, start.bundle.radius_m)
         for track in team.tracks
     ]
     tracks += [Track(one.name, one.position_m, one.place.goal_m, one.place.radius_m) for one in team.objects]
@@ -110,7 +112,14 @@ def _map(team: TeamDigest) -> Figure:
         "Ways from the starts (dots) to the last positions (discs, to scale); crosses are goals, "
         "rings their tolerance."
     )
-    return Figure(drawn, caption)
+    return Figure(drawn, f"Seen from above. {caption}" if start.fleet.dims == 3 else caption)
+
+
+def _heights(team: TeamDigest) -> list[Item]:
+    if team.runs[0].start.fleet.dims == 2:
+        return []
+    heights: Series = {track.name: (track.time_s, track.position_m[:, 2]) for track in team.tracks}
+    return [Figure(chart.over_time(heights, "height in m"), "Height, which the map does not show.")]
 
 
 def _against_limits(team: TeamDigest) -> list[Item]:

@@ -25,9 +25,9 @@ class RobotTrack:
     time_s: Floats
     """(T,), since the report's zero."""
     position_m: Floats
-    """(T, 2)"""
+    """(T, dims)"""
     velocity_m_s: Floats
-    """(T, 2)"""
+    """(T, dims)"""
 
     @property
     def name(self) -> str:
@@ -37,12 +37,12 @@ class RobotTrack:
     @property
     def speed_m_s(self) -> Floats:
         """(T,) lengths of the velocity."""
-        return np.hypot(*self.velocity_m_s.T)
+        return _length(self.velocity_m_s)
 
     @property
     def goal_distance_m(self) -> Floats:
         """(T,) distances to its own goal; NaN without one."""
-        return np.hypot(*(self.position_m - np.array(self.place.goal_m or (np.nan, np.nan))).T)
+        return _length(self.position_m - np.array(self.place.goal_m or np.nan))
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,9 @@ class ObjectTrack:
 
     @property
     def goal_distance_m(self) -> Floats:
-        """(T,) distances to its goal; NaN without one."""
-        return np.hypot(*(self.position_m - np.array(self.place.goal_m or (np.nan, np.nan))).T)
+        """(T,) distances to its goal in the plane; NaN without one."""
+        goal_m = (self.place.goal_m or (np.nan, np.nan))[:2]
+        return _length(self.position_m - np.array(goal_m))
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ def team_of(runs: Sequence[RunDigest]) -> TeamDigest:
         if source is None or place.robot_id not in source.motion:
             continue
         motion = source.motion[place.robot_id]
-        tracks.append(RobotTrack(place, source.time_s - zero_s, motion[:, :2], motion[:, 2:]))
+        dims = motion.shape[1] // 2
+        tracks.append(RobotTrack(place, source.time_s - zero_s, motion[:, :dims], motion[:, dims:]))
     return TeamDigest(tuple(runs), zero_s, tuple(tracks), tuple(_objects(runs, zero_s)))
 
 
@@ -112,6 +114,11 @@ def _objects(runs: Sequence[RunDigest], zero_s: float) -> Iterator[ObjectTrack]:
     for place in runs[0].start.fleet.tracked:
         if source := next((run for run in runs if place.name in run.objects), None):
             yield ObjectTrack(place, source.time_s - zero_s, source.objects[place.name])
+
+
+def _length(vectors: Floats) -> Floats:
+    length: Floats = np.linalg.norm(vectors, axis=-1)
+    return length
 
 
 def separation(one: RobotTrack, team: TeamDigest) -> Floats:
@@ -122,7 +129,7 @@ def separation(one: RobotTrack, team: TeamDigest) -> Floats:
             continue
         there = np.column_stack([np.interp(one.time_s, other.time_s, axis) for axis in other.position_m.T])
         together = (one.time_s >= other.time_s[0] - 0.1) & (one.time_s <= other.time_s[-1] + 0.1)
-        distance = np.hypot(*(one.position_m - there).T)
+        distance = _length(one.position_m - there)
         nearest = np.fmin(nearest, np.where(together, distance, np.inf))
     return np.where(np.isfinite(nearest), nearest, np.nan)
 

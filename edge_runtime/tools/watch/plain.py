@@ -28,6 +28,8 @@ def _facts(status: Status) -> str:
         f"oldest {1e3 * max(status.ages_s.values(), default=0.0):.0f} ms",
         f"set {status.objectives_version}",
     ]
+    if body := text.body(status):
+        facts.append(body)
     if status.unfamiliar_ticks:
         facts.append(text.unfamiliar(status))
     if status.stop_reason:

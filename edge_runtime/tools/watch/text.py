@@ -48,6 +48,16 @@ def speed(status: Status) -> Cell:
     return Cell(f"{value:.2f}/{limit:.2f}", value <= limit)
 
 
+def body(status: Status) -> str:
+    """Height and yaw rate, of robots that have one; empty for the others."""
+    told = []
+    if status.position_m is not None and len(status.position_m) == 3:
+        told.append(f"height {status.position_m[2]:.2f} m")
+    if status.yaw_rate_rad_s and status.heading_rad is not None:
+        told.append(f"heading {status.heading_rad:.2f} rad, turning {status.yaw_rate_rad_s:+.2f} rad/s")
+    return ", ".join(told)
+
+
 def nearest(status: Status) -> Cell:
     """Distance to the nearest teammate over the margin."""
     value, margin = status.nearest_m, status.margin_m

@@ -31,6 +31,7 @@ class TeamView:
         yield self._heading(options.max_width)
         yield _robots(self._team)
         yield from _stop_reasons(self._team)
+        yield from (Text(f"robot {each.robot_id}: {told}") for each in statuses if (told := text.body(each)))
         yield from (
             Text(f"robot {each.robot_id}: {text.unfamiliar(each)}", "yellow")
             for each in statuses

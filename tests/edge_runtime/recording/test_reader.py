@@ -8,7 +8,7 @@ import foreign_logs
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from logs import record, ticks, write
+from logs import in_space, record, ticks, with_tick, write
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from msgspec.structs import replace
@@ -119,6 +119,44 @@ def test_another_format_is_refused_by_both_names(log, tmp_path):
     path = write(tmp_path / "newer.mcap", [replace(start, format="cfpg-log/7"), *rest])
     with pytest.raises(ConfigError, match=f"'cfpg-log/7', this version reads cfpg-log/2, {LOG_FORMAT}"):
         list(read_log(path))
+
+
+def lengthened(vector):
+    return (*vector, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("said", "changes"),
+    [
+        (
+            "a position or velocity that has not 2 components",
+            {"command": lambda one: replace(one, velocity_m_s=lengthened(one.velocity_m_s))},
+        ),
+        (
+            "a position or velocity that has not 2 components",
+            {"state": lambda one: replace(one, own=replace(one.own, position_m=(0.0, 0.0, 0.0)))},
+        ),
+        ("actions of different lengths", {"command": lambda one: replace(one, action=(0.0,) * 3)}),
+        ("actions of different lengths", {"inputs": lambda one: replace(one, start=(0.0,))}),
+    ],
+)
+def test_vectors_of_different_lengths_are_damage(log, tmp_path, said, changes):
+    *_, before, number = (tick.inputs.number for tick in ticks(log)[:3])
+    path = with_tick(log, tmp_path / "odd.mcap", number, **changes)
+    assert damage(path) == f"tick {number} has {said} after tick {before}"
+
+
+def test_a_log_of_robots_in_space_reads(log, tmp_path):
+    path = in_space(log, tmp_path / "space.mcap")
+    assert len(ticks(path)) == len(ticks(log)) > 0
+    assert ticks(path)[0].command.action == (*ticks(log)[0].command.action, 0.0)
+
+
+def test_a_fleet_partly_in_space_is_none(log, tmp_path):
+    first, *_ = read_log(in_space(log, tmp_path / "space.mcap"))
+    robot, *others = first.fleet.robots
+    with pytest.raises(ValueError, match="all be in the plane, or all in space"):
+        replace(first.fleet, robots=(replace(robot, goal_m=(0.0, 0.0)), *others))
 
 
 def test_a_missing_file_is_one_line(tmp_path):

@@ -137,6 +137,19 @@ def test_frames_for_others_and_of_other_teams_are_refused():
     assert after.refused["malformed"] == 3
 
 
+@pytest.mark.parametrize("rules", [{"dims": 3}, {"action_dim": 3}])
+def test_a_robot_with_another_body_is_kept_out_and_named(rules):
+    world = World(2)
+    world.teams[0] = world.make(0)
+    world.teams[0]._body = rules.get("dims", 2), rules.get("action_dim", 2)
+    *_, views = world.ticks(5)
+    assert views[0].teammates == ()
+    assert views[0].fault == (
+        "waits for robots 1: not heard yet; robot 1 is kept out: it moves or acts in other dimensions"
+    )
+    assert views[0].own and world.teams[0].report().doubted[1] > 0
+
+
 def test_late_and_repeated_frames_are_counted_apart():
     world = World(2)
     world.ticks(100)

@@ -64,7 +64,7 @@ class Scene:
     position_m: Floats
     """(T, N, 2); NaN where a robot was not seen."""
     velocity_m_s: Floats
-    """(T, N, 2)"""
+    """(T, N, dims)"""
     goals_m: Sequence[Vector2 | None]
     """One for each robot, where it has one; or none at all."""
     radius_m: float
@@ -73,6 +73,8 @@ class Scene:
     circles: Sequence[Circle] = ()
     load: Load | None = None
     objects: Sequence[Moving] = ()
+    height_m: Floats | None = None
+    """(T, N) of robots in space, which are seen from above."""
 
 
 def check_target(path: Path) -> None:
@@ -181,7 +183,7 @@ class _Panel:
         from matplotlib.colors import Normalize  # noqa: PLC0415
 
         self.axes, self._scene = axes, scene
-        self._speed = np.hypot(*np.moveaxis(scene.velocity_m_s, -1, 0))
+        self._speed = np.linalg.norm(scene.velocity_m_s, axis=-1)
         top = scene.speed_limit_m_s or float(np.nanmax(self._speed, initial=0.1))
         self._colours = ScalarMappable(Normalize(0.0, top), "cividis")
         self._trail = max(1, round(TRAIL_S / scene.period_s))
@@ -202,6 +204,9 @@ class _Panel:
         self._objects = [disc((0, 0), each.radius_m, facecolor="#b42318") for each in scene.objects]
         for patch in self._objects:
             axes.add_patch(patch)
+        self._heights = [
+            axes.text(0.0, 0.0, "", ha="center", va="center", fontsize=8, clip_on=True) for _ in range(robots)
+        ]
         self._stand_still()
 
     def _stand_still(self) -> None:
@@ -227,7 +232,12 @@ class _Panel:
         scene, last = self._scene, len(self._scene.position_m) - 1
         row = min(last, int(time_s / scene.period_s))
         position, speed = scene.position_m[row], self._speed[row]
-        apart = np.hypot(*np.moveaxis(position[:, None] - position[None], -1, 0))
+        place = position
+        if scene.height_m is not None:
+            place = np.column_stack([position, scene.height_m[row]])
+            for text, centre, height in zip(self._heights, position, scene.height_m[row], strict=True):
+                text.set(position=centre, text=f"{height:.1f} m")
+        apart = np.linalg.norm(place[:, None] - place[None], axis=-1)
         np.fill_diagonal(apart, np.inf)
         fast = speed > (scene.speed_limit_m_s or math.inf) + 1e-6
         close = np.nanmin(apart, 1, initial=math.inf) < (scene.margin_m or 0.0) - 1e-6

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from bundle_files import edit_manifest
-from logs import record, ticks, with_tick, write
+from logs import in_space, record, ticks, with_tick, write
 from msgspec.structs import replace
 from networks import needs_kernel
 
@@ -306,6 +306,27 @@ def test_bad_flags_are_one_line(one_log, capsys, flags, complaint):
     assert complaint in captured.err
     assert captured.err.count("\n") == 1
     assert captured.out == ""
+
+
+def test_a_policy_for_another_body_is_refused_in_one_line(one_log, tmp_path, capsys):
+    assert main([str(in_space(one_log, tmp_path / "space.mcap"))]) == 2
+    assert "the log's positions have 3 components, the policy's 2" in capsys.readouterr().err
+
+    def longer(tick):
+        inputs, action, command = tick.inputs, tick.action, tick.command
+        mates = tuple(replace(m, intended_action=(*m.intended_action, 0.0)) for m in tick.state.teammates)
+        return replace(
+            tick,
+            inputs=replace(
+                inputs, start=(*inputs.start, 0.0), previous_action=(*inputs.previous_action, 0.0)
+            ),
+            state=replace(tick.state, teammates=mates),
+            action=replace(action, action=(*action.action, 0.0)),
+            command=replace(command, action=(*command.action, 0.0)),
+        )
+
+    assert main([str(elsewhere(one_log, tmp_path / "longer.mcap", longer))]) == 2
+    assert "the log's actions have 3 components, the policy's 2" in capsys.readouterr().err
 
 
 def elsewhere(log, path, change=lambda tick: tick):

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 import sil_reports
+from logs import in_space, write
 from report_files import record
 
 from edge_runtime.errors import ConfigError
@@ -217,3 +218,27 @@ def test_a_disk_that_is_full(log, tmp_path, capsys):
     flags = ["--policy", str(log.parent / "straight"), "--objectives", str(tmp_path / "none.toml")]
     assert replay([str(log), *flags, "-o", str(picture)]) == 2
     assert capsys.readouterr().err == f"edge-replay: -o {picture}: {full}\n"
+
+
+def test_robots_in_space_are_drawn_from_above_and_their_height_is_told(log, tmp_path, run):
+    flying = in_space(log, tmp_path / "space_000.mcap", 2.5)
+    assert main([str(flying), "-o", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text()
+    assert "Seen from above." in page
+    assert "height in m" in page
+    team, plane = team_of([digest(read_log(flying), "")]), team_of([run])
+    for one, other in zip(team.tracks, plane.tracks, strict=True):
+        assert one.position_m[:, 2].tolist() == [2.5] * len(one.time_s)
+        np.testing.assert_allclose(one.speed_m_s, other.speed_m_s)
+        np.testing.assert_allclose(one.goal_distance_m, other.goal_distance_m)
+        np.testing.assert_allclose(separation(one, team), separation(other, plane))
+    animate_run(LogReport(str(flying), 1, 0, 0, ""), tmp_path / "space.gif")
+    assert (tmp_path / "space.gif").stat().st_size
+
+
+def test_logs_of_the_plane_and_of_space_are_not_put_together(log, tmp_path, capsys):
+    start, *rest = read_log(log)
+    other = msgspec.structs.replace(start, robot_id=5, run="another")
+    moved = in_space(write(tmp_path / "other.mcap", [other, *rest]), tmp_path / "space.mcap")
+    assert main([str(log), str(moved), "-o", str(tmp_path / "page.html")]) == 2
+    assert "some logs are of robots in the plane, others of robots in space" in capsys.readouterr().err

@@ -19,10 +19,11 @@ from edge_runtime.telemetry.status import LONGEST, ObjectiveStatus, Span, Status
 from edge_runtime.tools.watch import plain, text
 
 finite = st.floats(-1e12, 1e12)
+places = st.tuples(finite, finite) | st.tuples(finite, finite, finite)
 STATUSES = st.builds(
     Status,
     robot_id=st.integers(0, 2**16 - 1),
-    position_m=st.none() | st.tuples(finite, finite),
+    position_m=st.none() | places,
     nearest_m=st.none() | finite,
     ages_s=st.dictionaries(st.integers(0, 2**16 - 1), finite, max_size=8),
     stages=st.dictionaries(st.text(max_size=9), st.builds(Span, finite, finite), max_size=7),
@@ -34,7 +35,10 @@ STATUSES = st.builds(
     **dict.fromkeys(("sequence", "missed", "cut_short", "objectives_version"), st.integers(0, 2**63)),
     **dict.fromkeys(("started_s", "sent_s", "rate_hz", "nominal_rate_hz"), finite),
     goal_distance_m=st.none() | finite,
-    velocity_m_s=st.none() | st.tuples(finite, finite),
+    velocity_m_s=st.none() | places,
+    heading_rad=st.none() | finite,
+    yaw_rate_rad_s=st.none() | finite,
+    action=st.lists(finite, min_size=1, max_size=8).map(tuple),
     tick=st.builds(Span, finite, finite),
 )
 
@@ -170,6 +174,18 @@ def test_a_team_of_four_fits_a_terminal_of_80_by_24():
         "of 3",
     ):
         assert fact in view
+
+
+def test_height_and_turning_are_told_of_robots_that_have_them():
+    flying = status(1, position_m=(0.0, 0.0, 1.25), velocity_m_s=(0.0, 0.0, 0.1))
+    team = watched(status(0), flying, status(2, yaw_rate_rad_s=-0.5), robots=3)
+    told = ("", "height 1.25 m", "heading 0.50 rad, turning -0.50 rad/s")
+    for line, expected in zip(plain.lines(team), told, strict=True):
+        assert expected in line
+        assert ("height" in line, "turning" in line) == ("height" in expected, "turning" in expected)
+    view = rendered(team, 80)
+    assert "robot 1: height 1.25 m" in view
+    assert "robot 2: heading 0.50 rad, turning -0.50 rad/s" in view
 
 
 @pytest.mark.parametrize("width", [1, 20, 40, 200])
