@@ -74,6 +74,7 @@ class Mission:
         self._check_sight(self.objective_set)
         self._check_familiarity()
         self._check_sources()
+        self._observer(self.fleet.robot(self.robot_id))  # which own sources may refuse
 
     @property
     def objectives(self) -> tuple[Objective, ...]:

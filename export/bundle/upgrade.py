@@ -11,6 +11,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.observation import ObservationField
 from edge_runtime.policy.bundle import LARGEST_MANIFEST, MANIFEST_FILE, Bundle, load_bundle
 from edge_runtime.policy.manifest import BUNDLE_FORMAT, Manifest, Training
+from edge_runtime.policy.signature import SIGNATURE_FILE
 from export.bundle.writer import bundle_draft, write_manifest
 
 
@@ -31,8 +32,10 @@ def upgrade_bundle(directory: Path, fields_of: Callable[[Training], tuple[Observ
     bundle = load_bundle(directory)
     if BUNDLE_FORMAT.encode() in read_regular(directory / MANIFEST_FILE, LARGEST_MANIFEST):
         raise ConfigError(f"{directory}: is of format {BUNDLE_FORMAT} already")
+    signed = (directory / SIGNATURE_FILE).exists()
     replace_manifest(bundle, _with_sources(bundle.manifest, fields_of))
-    return f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same"
+    told = f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same"
+    return f"{told}; its signature was of the old one: sign it again with --sign" if signed else told
 
 
 def replace_manifest(bundle: Bundle, manifest: Manifest) -> None:

@@ -10,6 +10,7 @@ from bundles import MANIFEST
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from paths import ROOT
 
 from edge_runtime.messages import Reading, RobotState, Teammate, TeamState, TrackedObject
 from edge_runtime.motion.models import PointForce
@@ -37,6 +38,7 @@ from edge_runtime.observation import (
     YawRate,
 )
 from edge_runtime.observation.observer import Observer
+from edge_runtime.policy.bundle import packaged_bundle
 
 NUMBER = st.floats(-10, 10)
 ANGLE = st.floats(-7, 7)
@@ -224,3 +226,12 @@ def test_every_source_is_described_and_survives_its_own_file():
         assert msgspec.json.decode(msgspec.json.encode(field), type=ObservationField) == field
         assert isinstance(field, Source)
         assert field.components(extent) is None or field.components(extent) > 0
+
+
+@pytest.mark.parametrize("task", ["balance", "navigation", "sampling"])
+def test_the_robots_code_knows_no_tasks_fields(task):
+    """What a task calls its fields stands in its bundle; sources alone stand in the code."""
+    fields = packaged_bundle(task).manifest.observation
+    names = {field.name for field in fields} - {kind.__struct_config__.tag for kind in SOURCES}
+    code = "\n".join(path.read_text() for path in (ROOT / "edge_runtime").rglob("*.py"))
+    assert not {name for name in names if name in code}

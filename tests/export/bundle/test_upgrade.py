@@ -44,6 +44,15 @@ def test_fields_get_the_sources_of_their_task(old, capsys, task):
     np.testing.assert_array_equal(before.policy(20).evaluate(*inputs), after.policy(20).evaluate(*inputs))
 
 
+def test_a_signature_of_the_old_manifest_goes_and_is_told_of(old, capsys):
+    directory = old("navigation")
+    (directory / "manifest.sig").write_bytes(b"of the old one")
+    code, told = upgrade(directory, capsys)
+    assert (code, told.count("\n")) == (0, 1)
+    assert "sign it again with --sign" in told
+    assert not (directory / "manifest.sig").exists()
+
+
 def test_a_preference_is_what_validation_preferred(old, capsys):
     directory = old("navigation", "pc-mappo")
     assert upgrade(directory, capsys)[0] == 0

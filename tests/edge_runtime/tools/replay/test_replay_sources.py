@@ -9,6 +9,7 @@ from bundle_files import write_bundle
 from logs import record, ticks, write
 from msgspec.structs import replace
 
+from edge_runtime.doctor.edge_doctor import main as edge_doctor
 from edge_runtime.observation import Heading, OwnSource, PreviousAction, TimeLeft
 from edge_runtime.policy.weight_file import pack_weights
 from edge_runtime.recording.reader import read_log
@@ -17,6 +18,7 @@ from edge_runtime.run.edge_run import main as edge_run
 from edge_runtime.tools.replay.edge_replay import main as edge_replay
 
 GAUGE = """
+from edge_runtime.doctor.edge_doctor import main as edge_doctor
 from edge_runtime.observation import Source
 
 class Gauge(Source, frozen=True):
@@ -95,3 +97,5 @@ def test_a_robot_that_may_not_run_a_policys_code_does_not_begin(policy, capsys, 
     assert complaint in told.err
     assert told.err.count("\n") == 1
     assert not told.out
+    edge_doctor(["--robot-id", "0", *policy(), *flags])
+    assert complaint in "".join(capsys.readouterr())
