@@ -1,6 +1,7 @@
 """The facts file: the template is valid, and every mistake in it is named."""
 
 import pytest
+from doc_pages import ROOT, blocks
 
 from edge_runtime.errors import EdgeError
 from export.bundle.facts import read_facts
@@ -104,6 +105,12 @@ def test_mistakes(tmp_path, old, new, complaint):
         read_facts(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert complaint in str(caught.value)
+
+
+def test_the_pages_example_is_one(tmp_path):
+    (example,) = [block for block in blocks(ROOT / "docs" / "policy.md", "toml") if "motion" in block]
+    facts = read_facts(write(tmp_path, example))
+    assert (facts.observation_dim, facts.motion.action_dim, facts.motion.dims) == (18, 3, 3)
 
 
 def test_missing_file(tmp_path):
