@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from bundle_files import write_bundle
 from doc_pages import PAGES, ROOT, blocks, commands, program
@@ -116,7 +117,7 @@ def give(page, folder, log):
 
 
 def give_training(folder):
-    """A run of edge-train that is over, and another project's graph of a velocity."""
+    """A run of edge-train that is over, another project's graph of a velocity, and what that one saw."""
     import onnx.utils  # noqa: PLC0415
     import torch  # noqa: PLC0415
 
@@ -133,6 +134,7 @@ def give_training(folder):
         ["action", "tau", "observation"],
         ["velocity"],
     )
+    np.savez(folder / "seen.npz", observation=np.random.default_rng(0).normal(size=(20, 18)))
 
 
 def expanded(word, folder, log):
