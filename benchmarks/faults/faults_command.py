@@ -22,8 +22,9 @@ from benchmarks.faults.bad_commands import count_passed
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
 from benchmarks.faults.robot import CanRobot, MavlinkRobot
+from benchmarks.faults.ros_robot import Ros1Robot, ros2_robot
 from benchmarks.faults.rows import FaultRow, draw, faults_table, measured, render, timed
-from benchmarks.faults.trials import FAULTS, Fault, Stop, run_trial, undisturbed
+from benchmarks.faults.trials import FAULTS, Fault, Stop, ros_faults, run_trial, undisturbed
 
 RESULTS = Path(__file__).parents[1] / "results" / "faults.json"
 COMMANDS_A_TRIAL = 5000
@@ -61,7 +62,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _measure(options: argparse.Namespace, progress: Progress) -> Iterator[FaultRow]:
     wanted, trials, realtime = options.only or NAMES, options.trials, options.realtime
-    faults = [fault for fault in FAULTS if fault.name in wanted]
+    faults = [fault for fault in ros_faults(options.ros) or FAULTS if fault.name in wanted]
     yield from _stops(faults, trials, realtime, _bar(progress, "stops", trials * len(faults)))
     latencies = [name for name in LATENCIES if name in wanted]
     yield from _latencies(latencies, trials, realtime, _bar(progress, "latencies", trials))
@@ -85,9 +86,16 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         action="store_true",
         help=f"runtime and guard as under edge-run --realtime, rows {REALTIME!r}",
     )
+    add_ros = parser.add_argument_group("robots of ROS alone, in place of the others").add_argument
+    add_ros("--ros1", dest="ros", action="append_const", const=Ros1Robot, help="by rosmaster and rospy")
+    add_ros("--ros2", dest="ros", action="append", type=ros2_robot, metavar="DIR", help="by rclpy in DIR")
     parser.add_argument("--json", type=Path, default=RESULTS, help="where the rows go")
     add_html_flag(parser)
     options = parser.parse_args(arguments)
+    options.ros = options.ros or []
+    if options.ros:
+        stops = {fault.name for fault in ros_faults(options.ros)}
+        options.only = [name for name in options.only or NAMES if name in stops]
     if options.realtime:
         options.only = [name for name in options.only or NAMES if name not in (BAD_COMMANDS, FORGED_FRAMES)]
     return options

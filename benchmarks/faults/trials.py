@@ -6,7 +6,7 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeVar
 
 from benchmarks.faults.drive import LONGEST_S, DisturbedError, Drive
@@ -76,6 +76,11 @@ FAULTS = (
     *(Fault(name, kind, *rest) for name, *rest in _CAUSES for kind in (CanRobot, MavlinkRobot)),
     Fault("bus-off (error frame)", CanRobot, _tell_bus_off),
 )
+
+
+def ros_faults(kinds: Iterable[type[Robot]]) -> list[Fault]:
+    """Return those that robots behind ROS have: no cable of theirs is cut here."""
+    return [Fault(name, kind, *rest) for name, *rest in _CAUSES[:3] for kind in kinds]
 
 
 def run_trial(fault: Fault, realtime: bool = False) -> Stop:
