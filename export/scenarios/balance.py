@@ -95,6 +95,7 @@ class Balance(VmasTeams):
         self._slot = torch.zeros(environments, ROBOTS, device=device)
         self._hold = torch.zeros(environments, 1, device=device)
         self._vmas = simulate(_SilentBalance(), environments, seed, device, n_agents=ROBOTS)
+        self._world = self._vmas.world
         super().__init__(environments, seed, device, self._vmas.agents)
 
     def observe(self) -> Tensor:

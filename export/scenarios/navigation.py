@@ -65,6 +65,7 @@ class Navigation(VmasTeams):
             final_reward=ARRIVAL_REWARD,
         )
         self._vmas.scenario.min_collision_distance = PENALTY_GAP_M
+        self._world = self._vmas.world
         super().__init__(environments, seed, device, self._vmas.agents)
 
     def observe(self) -> Tensor:

@@ -11,6 +11,7 @@ import torch
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.common.toml_file import refuse
+from edge_runtime.config.fleet import Fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command, Vector
@@ -25,14 +26,15 @@ class VmasPlant:
     """A team in VMAS, see `firmware_bridge.simulation.plants.TeamPlant`.
 
     Args:
-        mission: names fleet, scenario, policy and rate; all must be as in training.
+        fleet: names the scenario.
+        period_s: of a step; the training's where None.
 
     Raises:
         ConfigError: says what does not fit the scenario.
     """
 
-    def __init__(self, mission: Mission) -> None:
-        fleet, simulation = mission.fleet, mission.fleet.simulation
+    def __init__(self, fleet: Fleet, period_s: float | None = None) -> None:
+        simulation = fleet.simulation
         if simulation.scenario not in SCENARIOS:
             found = "missing" if simulation.scenario is None else f"is {simulation.scenario!r}"
             allowed = ", ".join(sorted(SCENARIOS))
@@ -42,8 +44,7 @@ class VmasPlant:
             refuse(fleet.path, "robots", f"{len(fleet.robots)}; {facts.name} has {facts.robots}")
         if fleet.obstacles:
             refuse(fleet.path, "obstacle", "means nothing in VMAS; allowed with plant 'discs'")
-        if abs(mission.rate_hz - facts.control_rate_hz) > 1e-9:
-            raise ConfigError(f"--rate {mission.rate_hz:g}: VMAS steps at {facts.control_rate_hz:g} Hz")
+        self.rate_hz, self._period_s = facts.control_rate_hz, period_s
         self._fleet, self._scale_m = fleet, fleet.team.scale_m
         self._make = lambda: make_scenario(
             facts.name, 1, simulation.seed, torch.device("cpu"), training=False
@@ -61,6 +62,8 @@ class VmasPlant:
         """Put everything where the fleet file has it."""
         torch.set_num_threads(1)
         self.world = self._make()
+        if self._period_s:
+            self.world.run_at(self._period_s)
         state = self.world.state_dict()
         state["position"] = self._policy_metres([robot.start_m for robot in self._fleet.robots])
         for index, each in enumerate(self._fleet.tracked):
@@ -82,8 +85,11 @@ class VmasPlant:
 
     def drive(self, commands: Sequence[Command]) -> None:
         """Advance by one control period."""
-        action = torch.tensor([[command.action for command in commands]], dtype=torch.float32)
-        self.transition = self.world.step(action)
+        self.push([command.action for command in commands])
+
+    def push(self, actions: Sequence[Sequence[float]]) -> None:
+        """Advance by one step under the policy's actions."""
+        self.transition = self.world.step(torch.tensor([list(map(list, actions))], dtype=torch.float32))
         self._look()
 
     def motions(self) -> Sequence[Motion]:
@@ -127,5 +133,12 @@ class VmasPlant:
 
 
 def make_plant(mission: Mission) -> VmasPlant:
-    """Simulate a mission's fleet."""
-    return VmasPlant(mission)
+    """Simulate a mission's fleet.
+
+    Raises:
+        ConfigError: as `VmasPlant`, or if the mission runs at another rate than the training.
+    """
+    plant = VmasPlant(mission.fleet)
+    if abs(mission.rate_hz - plant.rate_hz) > 1e-9:
+        raise ConfigError(f"--rate {mission.rate_hz:g}: VMAS steps at {plant.rate_hz:g} Hz")
+    return plant

@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 from vmas import make_env
-from vmas.simulator.core import Agent
+from vmas.simulator.core import Agent, World
 from vmas.simulator.environment import Environment
 from vmas.simulator.scenario import BaseScenario
 
@@ -59,12 +59,20 @@ class VmasTeams:
     """
 
     facts: ScenarioFacts
+    _world: World
+    """VMAS's, which a task makes before this class's own part."""
 
     def __init__(self, environments: int, seed: int, device: torch.device, agents: list[Agent]) -> None:
         self.environments, self.device = environments, device
         self._agents = agents
         self._draw = Draw(torch.Generator(device).manual_seed(seed))
         self.reset(torch.ones(environments, dtype=torch.bool, device=device))
+
+    def run_at(self, period_s: float) -> None:
+        """Let each step from here on last so long: drag is compounded."""
+        world = self._world
+        world._drag = 1.0 - (1.0 - world._drag) ** (period_s / world._dt)
+        world._dt, world._sub_dt = period_s, period_s / world._substeps
 
     def motion(self) -> tuple[Tensor, Tensor]:
         """Return the robots' positions (B, N, 2) in metres and velocities (B, N, 2) in m/s."""

@@ -21,6 +21,7 @@ from edge_runtime.common.command_line import (
 )
 from edge_runtime.common.flag_types import number, whole_number
 from edge_runtime.common.signals import StopSignals
+from edge_runtime.config.fleet import TASKS
 from edge_runtime.errors import ConfigError
 from edge_runtime.run.console import use_colour
 from firmware_bridge.sil.harness.harness import Harness
@@ -40,6 +41,8 @@ DESCRIPTION: Final = (
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
 ROBOTS: Final = whole_number(1, 64)
 STARTS: Final = 3
+RATE: Final = 50.0
+TASK_RATE: Final = 10.0
 EPILOG: Final = """\
 exit codes:
   0  passed: every limit was kept
@@ -50,6 +53,7 @@ exit codes:
 
 examples:
   edge-sil                                                4 robots, CAN, 50 Hz, 30 s
+  edge-sil --task balance                                 five robots and their load, at 10 Hz
   edge-sil --bridge mavlink --realtime --json run.json
   edge-sil --robots 8 --rate 20 --faults blackout.toml
   edge-sil --fleet team.toml --policy policies/mine --limits strict.toml"""
@@ -61,11 +65,24 @@ def make_parser() -> CommandParser:
     add = parser.add_argument
     add("--robots", type=ROBOTS, metavar="N", help="how many (default: 4, or the fleet file's)")
     add("--bridge", choices=("can", "mavlink"), default="can", help="what the robots speak (default: can)")
-    add("--rate", type=number(*RATE_HZ), default=50.0, metavar="HZ", help="control rate (default: 50)")
+    add(
+        "--rate",
+        type=number(*RATE_HZ),
+        metavar="HZ",
+        help=f"control rate (default: {RATE:g}, with --task the policies' {TASK_RATE:g})",
+    )
     seconds = number(1.0, 1e6)
     add("--duration", type=seconds, default=30.0, metavar="S", help="length of the measurement (default: 30)")
     add("--json", type=Path, metavar="FILE", help="write the report there")
-    add("--fleet", type=Path, metavar="FILE", help="your team; its robots are moved to ports of this machine")
+    team = parser.add_mutually_exclusive_group()
+    team.add_argument(
+        "--fleet", type=Path, metavar="FILE", help="your team; its robots are moved to ports of this machine"
+    )
+    team.add_argument(
+        "--task",
+        choices=TASKS,
+        help="a packaged team; VMAS, a workstation's, moves balance and sampling",
+    )
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
     add("--faults", type=Path, metavar="FILE", help="timeline of [[fault]] tables")
     add("--limits", type=Path, default=DEFAULT_LIMITS, metavar="FILE", help=f"default: {DEFAULT_LIMITS.name}")
@@ -84,9 +101,10 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
     request = Request(
         robots=flags.robots,
         bridge=flags.bridge,
-        rate_hz=flags.rate,
+        rate_hz=flags.rate or (TASK_RATE if flags.task else RATE),
         duration_s=flags.duration,
         fleet=flags.fleet,
+        task=flags.task,
         policy=flags.policy,
         faults=flags.faults,
         limits=flags.limits,

@@ -62,6 +62,8 @@ class PlantModule(NamedTuple):
 
     module: str
     """Offers ``make_plant(mission)``."""
+    world: str = ""
+    """For the harness: offers ``VmasWorld``; where empty, that is `firmware_bridge.sil.firmware.world`."""
     needs: str = ""
     """A package without which there is none, and the extra that brings it."""
     carries: bool = False
@@ -70,8 +72,23 @@ class PlantModule(NamedTuple):
 
 PLANTS: Final = {
     "discs": PlantModule("firmware_bridge.simulation.discs"),
-    "vmas": PlantModule("export.scenarios.plant", needs="vmas", carries=True),
+    "vmas": PlantModule(
+        "export.scenarios.plant", "export.scenarios.firmware_world", needs="vmas", carries=True
+    ),
 }
+
+
+def check_installed(name: str, source: str) -> None:
+    """Refuse a plant that this machine does not have; ``source`` named it.
+
+    Raises:
+        ConfigError: says what to install.
+    """
+    needs = PLANTS[name].needs
+    if needs and importlib.util.find_spec(needs) is None:
+        raise ConfigError(
+            f"{source}: {name!r} needs a workstation's {needs}; run: pip install 'cfpg-edge[train]'"
+        )
 
 
 def open_plant(mission: Mission, named: str | None = None) -> TeamPlant:
@@ -84,10 +101,7 @@ def open_plant(mission: Mission, named: str | None = None) -> TeamPlant:
     name = named or fleet.simulation.plant
     source = f"--plant {name}" if named else f"{fleet.path}: simulation.plant"
     kind = PLANTS[name]
-    if kind.needs and importlib.util.find_spec(kind.needs) is None:
-        raise ConfigError(
-            f"{source}: {name!r} needs a workstation's {kind.needs}; run: pip install 'cfpg-edge[train]'"
-        )
+    check_installed(name, source)
     for index, each in enumerate(fleet.tracked):
         if each.goal_m and not kind.carries:
             able = ", ".join(other for other in PLANTS if PLANTS[other].carries)

@@ -61,6 +61,10 @@ def _verdicts(report: SilReport) -> list[Verdict]:
         Verdict("Deadlines missed", str(team.deadline_misses), f"{team.longest_burst} in a row at most"),
         Verdict("Collisions", str(team.collisions), good=team.collisions == 0),
         Verdict("At their goals", f"{team.goals_reached} of {report.robots_count}"),
+        *(
+            Verdict(each.name, f"{each.goal_distance_m:.3f} m", "from its goal", good=each.goal_reached)
+            for each in report.objects
+        ),
         Verdict("Objectives violated", f"{100 * team.objective_violations_share:.2f} %", "of the time"),
     ]
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.errors import BundleError
-from edge_runtime.messages import Vector2
+from edge_runtime.messages import Vector, Vector2
 from edge_runtime.motion.point import PointForce
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.frames import rotate, wrap
 from firmware_bridge.simulation.plant import contact_forces
+from firmware_bridge.simulation.plants import Motion
 
 
 class BaseState(NamedTuple):
@@ -58,15 +59,14 @@ class World:
         self._ahead_m, self._period_s, self._scale_m = ahead_m, period_s, scale_m
         self._low = np.array([[field.low for field in manifest.action] for manifest in manifests])
         self._high = np.array([[field.high for field in manifest.action] for manifest in manifests])
-        pushed = [_pushed(manifest).at_period(period_s) for manifest in manifests]
-        self._keep = np.array([[1.0 - one.drag] for one in pushed])
-        self._mass_kg = np.array([[one.mass_kg] for one in pushed])
-        self._substeps = max(one.substeps for one in pushed)
+        models = [pushed(manifest).at_period(period_s) for manifest in manifests]
+        self._keep = np.array([[1.0 - one.drag] for one in models])
+        self._mass_kg = np.array([[one.mass_kg] for one in models])
+        self._substeps = max(one.substeps for one in models)
 
     def step(self, motions: Sequence[Vector2]) -> None:
         """Advance one period while each robot follows (forward m/s, yaw rad/s); the model of `Plant`."""
-        ahead_m, pairs = self._ahead_m, zip(motions, self._headings, strict=True)
-        wanted = np.array([rotate((forward, ahead_m * yaw), heading) for (forward, yaw), heading in pairs])
+        wanted = self._wanted(motions)
         self.velocity_m_s *= self._keep
         needed = (wanted - self.velocity_m_s) * self._mass_kg / self._period_s
         force = np.clip(needed, self._low, self._high)
@@ -75,6 +75,23 @@ class World:
             push = contact_forces(self.position_m, self.radius_m, self._scale_m)
             self.velocity_m_s += (force + push) / self._mass_kg * substep_s
             self.position_m += self.velocity_m_s * substep_s
+        self._turn()
+
+    def objects(self) -> Sequence[Motion]:
+        """The tracked objects', in the fleet file's order."""
+        return ()
+
+    def reading(self, robot: int, sensor: str) -> Vector:
+        """What a robot's further sensor reads: none has any here."""
+        raise KeyError(sensor, robot)
+
+    def _wanted(self, motions: Sequence[Vector2]) -> Floats:
+        """Velocities (N, 2) of the discs by which the bases would follow these motions."""
+        ahead_m, pairs = self._ahead_m, zip(motions, self._headings, strict=True)
+        return np.array([rotate((forward, ahead_m * yaw), heading) for (forward, yaw), heading in pairs])
+
+    def _turn(self) -> None:
+        """Turn the bases as their discs have moved."""
         for robot in range(len(self._headings)):
             self._headings[robot] = wrap(self._headings[robot] + self._period_s * self.state(robot).yaw_rad_s)
 
@@ -99,7 +116,12 @@ class World:
         return distances
 
 
-def _pushed(manifest: Manifest) -> PointForce:
+def pushed(manifest: Manifest) -> PointForce:
+    """Return the motion model of a policy whose robots the harness's firmware can be.
+
+    Raises:
+        BundleError: if it is another one than forces in the plane.
+    """
     motion = manifest.motion
     if not isinstance(motion, PointForce) or motion.action_dim != 2:
         raise BundleError(

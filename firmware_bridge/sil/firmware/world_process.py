@@ -8,9 +8,12 @@ all firmware hears them. On SIGTERM it writes its record beside SPEC.
 """
 
 import gc
+import importlib
+import math
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,12 +21,15 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.messages import Vector2
+from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.autopilot import Autopilot
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.record import NodeRecord, NodeRecorder, Pace
+from firmware_bridge.sil.firmware.sources import Sources
 from firmware_bridge.sil.firmware.stops import Stops
 from firmware_bridge.sil.firmware.truth import RobotOutcome, Truth
 from firmware_bridge.sil.firmware.wires import CanWire, UdpWire
@@ -34,6 +40,7 @@ from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, NanPose
 from firmware_bridge.sil.scenario.scenario import Station, robot_bundle
 from firmware_bridge.sil.scenario.start_gate import RunStart
 from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, BridgeKind
+from firmware_bridge.simulation.plants import PLANTS
 
 LONGEST_POSE_PERIOD_S: Final = 0.02
 SETTLING_S: Final = 0.5
@@ -65,6 +72,8 @@ class WorldRecord(msgspec.Struct, frozen=True):
     """After each fault of the timeline, of the robots that it was to stop."""
     late_s: list[float]
     """How late each step of the plant was, from the beginning of the measurement."""
+    objects: dict[str, float]
+    """How far each tracked object that has a goal was from it at the end, in m."""
 
 
 class WorldProcess:
@@ -76,7 +85,8 @@ class WorldProcess:
         manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
         starts = [station.start_m for station in spec.stations]
         headings = [station.heading_rad for station in spec.stations]
-        world = World(manifests, starts, headings, spec.ahead_m, STEP_S, fleet.team.scale_m)
+        world = _world(spec, fleet, manifests, starts, headings)
+        self._sources, self._pose_turn = Sources(fleet, world), 0
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
         self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
@@ -85,6 +95,7 @@ class WorldProcess:
         for firmware in self._firmware.values():
             firmware.located = False
         pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
+        self._pose_steps, self._fleet, self._world = pose_steps, fleet, world
         pace = Pace(spec.rate_hz, 1.0 / (pose_steps * STEP_S), spec.duration_s)
         self._recorders = [NodeRecorder(*one, pace) for one in self._firmware.items()]
         self._loop = FirmwareLoop(world, nodes, pose_steps)
@@ -94,7 +105,7 @@ class WorldProcess:
     def run(self, signals: StopSignals) -> None:
         """Serve until a signal."""
         self._loop.listen(sys.stdin.fileno(), self._hear)
-        with self._loop:
+        with self._loop, self._sources:
             while not signals.reason:
                 if (late_s := self._loop.turn()) is not None:
                     self._look(time.monotonic(), late_s)
@@ -102,7 +113,12 @@ class WorldProcess:
     def record(self) -> WorldRecord:
         """Return everything so far."""
         nodes = tuple(recorder.record() for recorder in self._recorders)
-        return WorldRecord(nodes, self._truth.outcomes(), self._stops.stops(), self._late_s.tolist())
+        objects = {
+            each.name: math.dist(motion.position_m, each.goal_m)
+            for each, motion in zip(self._fleet.tracked, self._world.objects(), strict=True)
+            if each.goal_m
+        }
+        return WorldRecord(nodes, self._truth.outcomes(), self._stops.stops(), self._late_s.tolist(), objects)
 
     def _hear(self) -> None:
         """Take the harness's lines; with the first, let the robots know where they are."""
@@ -115,6 +131,9 @@ class WorldProcess:
 
     def _look(self, now_s: float, late_s: float) -> None:
         """Measure after a step, and see to what the timeline wants of the next one."""
+        self._pose_turn += 1
+        if self._pose_turn % self._pose_steps == 0:
+            self._sources.tell()
         if self._t0_s < now_s:
             self._late_s.append(late_s)
             self._mind_faults(now_s - self._t0_s)
@@ -136,6 +155,23 @@ class WorldProcess:
                     self._firmware[fault.robot].not_finite = acts
                 case CorruptFrames():
                     self._firmware[fault.robot].corrupt = acts
+
+
+def _world(
+    spec: WorldSpec,
+    fleet: Fleet,
+    manifests: Sequence[Manifest],
+    starts: Sequence[Vector2],
+    headings: Sequence[float],
+) -> World:
+    """Make the world that the fleet file's plant stands for."""
+    module = PLANTS[fleet.simulation.plant].world
+    if not module:
+        return World(manifests, starts, headings, spec.ahead_m, STEP_S, fleet.team.scale_m)
+    made: World = importlib.import_module(module).VmasWorld(
+        fleet, manifests, headings, spec.ahead_m, STEP_S, 1.0 / spec.rate_hz
+    )
+    return made
 
 
 def make_node(bridge: BridgeKind, wire: str) -> FirmwareNode[Any]:

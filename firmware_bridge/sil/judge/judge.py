@@ -19,7 +19,14 @@ from firmware_bridge.sil.judge.figures import (
     pose_ages,
 )
 from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
-from firmware_bridge.sil.report.records import FaultDone, MachineQuality, Quality, RobotQuality, SilReport
+from firmware_bridge.sil.report.records import (
+    FaultDone,
+    MachineQuality,
+    ObjectQuality,
+    Quality,
+    RobotQuality,
+    SilReport,
+)
 from firmware_bridge.sil.scenario.faults import Lasting
 from firmware_bridge.sil.scenario.scenario import Scenario
 
@@ -55,6 +62,10 @@ def judge(scenario: Scenario, recording: Recording) -> SilReport:
         broken=(),
         disturbed=disturbances(machine, scenario.limits.machine),
         verdict="passed",
+        objects=tuple(
+            ObjectQuality(name, away_m, away_m <= scenario.fleet.team.goal_tolerance_m)
+            for name, away_m in recording.world.objects.items()
+        ),
     )
     broken = broken_limits(report, scenario.limits.run)
     verdict = "invalid" if report.disturbed else "failed" if broken else "passed"

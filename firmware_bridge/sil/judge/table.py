@@ -74,6 +74,7 @@ def _notes(report: SilReport) -> list[str]:
         f"others took {machine.others_cpu_cores:.2f} cores"
     ]
     lines.append(f"misses: {_misses(report.robots)}")
+    lines += [f"{each.name}: {each.goal_distance_m:.3f} m from its goal" for each in report.objects]
     if evidence := report.evidence:
         lines.append(f"made: {evidence.started_at}, cfpg-edge {evidence.version}, commit {evidence.commit}")
     lines += [f"fault: {fault.details}{_stops(fault)}" for fault in report.faults]

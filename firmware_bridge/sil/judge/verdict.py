@@ -63,6 +63,9 @@ def _team(report: SilReport, judged: list[RobotQuality], limits: RunLimits) -> I
     if least is not None and reached < least * len(going):
         away = ", ".join(f"robot {r.robot_id} {away_m:.2f} m" for r, away_m in going if not r.goals_reached)
         yield f"{reached} of {len(going)} goals reached ({away} away)"
+    for each in report.objects if least is not None else ():
+        if not each.goal_reached:
+            yield f"{each.name} is {each.goal_distance_m:.2f} m away from its goal"
 
 
 def _memory(report: SilReport, limits: RunLimits) -> Iterator[str]:

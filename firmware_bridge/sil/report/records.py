@@ -155,6 +155,14 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     """What was judged, by its key in the limits file."""
 
 
+class ObjectQuality(msgspec.Struct, frozen=True):
+    """A tracked object that has a goal, at the end."""
+
+    name: str
+    goal_distance_m: float
+    goal_reached: bool
+
+
 class SilReport(msgspec.Struct, frozen=True, kw_only=True):
     """A finished run."""
 
@@ -176,5 +184,6 @@ class SilReport(msgspec.Struct, frozen=True, kw_only=True):
     disturbed: tuple[str, ...]
     """Why the machine was not quiet enough for the run to prove anything."""
     verdict: RunVerdict
+    objects: tuple[ObjectQuality, ...] = ()
     evidence: Evidence | None = None
     """None where a benchmark made the run for itself."""

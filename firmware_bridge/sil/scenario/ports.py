@@ -24,6 +24,8 @@ class Network(NamedTuple):
     """Each robot's for its links on Zenoh; empty on UDP."""
     tunnels: Mapping[tuple[int, int], int]
     """Where a robot finds another one, (connecting, listening), instead; empty without a relay."""
+    stream: int
+    """The world's, for poses and sensors."""
 
 
 class Tunnel(msgspec.Struct, frozen=True):
@@ -56,10 +58,11 @@ def free_network(robots: Sequence[int], *, zenoh: bool, relayed: bool) -> Networ
     relays = robots if relayed and not zenoh else ()
     places = robots if zenoh else ()
     tunnels = pairs if relayed and zenoh else []
-    ports = iter(free_ports(2 * len(robots) + len(relays) + len(places) + len(tunnels)))
+    stream, *others = free_ports(1 + 2 * len(robots) + len(relays) + len(places) + len(tunnels))
+    ports = iter(others)
     groups = (robots, robots, relays, places)
     own, wires, to_relays, on_places = (dict(zip(group, ports, strict=False)) for group in groups)
-    return Network(own, wires, to_relays, on_places, dict(zip(tunnels, ports, strict=True)))
+    return Network(own, wires, to_relays, on_places, dict(zip(tunnels, ports, strict=True)), stream)
 
 
 def multicast_bus(port: int) -> str:

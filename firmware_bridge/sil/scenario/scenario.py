@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.common.toml_file import Table, read_toml, refuse
@@ -25,10 +26,13 @@ from firmware_bridge.sil.scenario.team_file import (
     generated_team,
     on_zenoh,
     resolved,
+    task_team,
+    with_streams,
     write_fleets,
     write_key,
 )
 from firmware_bridge.sil.scenario.vehicle import BridgeKind, ahead_m
+from firmware_bridge.simulation.plants import check_installed
 
 ROBOTS = 4
 GUARD_PERIODS = 3
@@ -44,6 +48,8 @@ class Request(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float = 50.0
     duration_s: float = 30.0
     fleet: Path | None = None
+    task: str | None = None
+    """A packaged fleet file instead, see `edge_runtime.config.fleet.TASKS`."""
     policy: Path | None = None
     faults: Path | None = None
     limits: Path = DEFAULT_LIMITS
@@ -106,8 +112,11 @@ def prepare(request: Request, folder: Path) -> Scenario:
     _check_rights(request, faults)
     relayed = any(isinstance(fault, NetworkFault) for fault in faults)
     network = free_network(robots, zenoh=on_zenoh(table), relayed=relayed)
-    files = write_fleets(table, robots, network, folder)
+    files = write_fleets(with_streams(table, network.stream), robots, network, folder)
     fleet = load_fleet(files[robots[0]])
+    if request.limits == DEFAULT_LIMITS and any(each.goal_m for each in fleet.tracked):
+        # Who carries something together touches it, and each other.
+        limits = replace(limits, run=replace(limits.run, collisions=None))
     bundle = robot_bundle(fleet, fleet.robots[0], str(request.policy or ""))
     stations = tuple(
         _station(fleet, robot_id, files[robot_id], request.bridge, network) for robot_id in robots
@@ -120,6 +129,13 @@ def prepare(request: Request, folder: Path) -> Scenario:
 
 
 def _team_table(request: Request, folder: Path) -> Table:
+    if request.task is not None:
+        write_key(folder / "team.key")
+        table = task_team(request.task)
+        if request.robots not in (None, len(table["robots"])):
+            raise ConfigError(f"--robots {request.robots}: {request.task} has {len(table['robots'])}")
+        check_installed(table.get("simulation", {}).get("plant", "discs"), f"--task {request.task}")
+        return resolved(table, folder)
     if request.fleet is None:
         write_key(folder / "team.key")
         return resolved(generated_team(ROBOTS if request.robots is None else request.robots), folder)

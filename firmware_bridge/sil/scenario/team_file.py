@@ -5,7 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edge_runtime.common.paths import named_file
-from edge_runtime.common.toml_file import Table
+from edge_runtime.common.toml_file import Table, read_toml
+from edge_runtime.config.fleet import FLEETS
+from edge_runtime.observation import Sensor
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.bundle_source import is_remote
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.sil.scenario.ports import HOST, Network
@@ -29,6 +32,32 @@ def generated_team(robots: int) -> Table:
         ],
         "guidance": {"mode": "terminal", "scale": 10.0},
     }
+
+
+def task_team(task: str) -> Table:
+    """Return the table of a packaged task's fleet file, as a team of processes on one network."""
+    table = read_toml(FLEETS / f"{task}.toml")
+    return {**table, "carrier": {"type": "udp", "key": "team.key"}}
+
+
+def with_streams(table: Table, stream: int) -> Table:
+    """Return the fleet with poses, tracked objects and sensors told by the world, at this port.
+
+    That is where it moves more than robots; else the table as it is.
+    """
+    if table.get("simulation", {}).get("plant", "discs") == "discs":
+        return table
+    place, sensors = f"{HOST}:{stream}", sensor_names(table)
+    robots = [{**robot, "pose": place, "sensors": dict.fromkeys(sensors, place)} for robot in table["robots"]]
+    tracked = [{**each, "pose": place} for each in table.get("tracked", ())]
+    return {**table, "robots": robots, **({"tracked": tracked} if tracked else {})}
+
+
+def sensor_names(table: Table) -> list[str]:
+    """Names of the sensors by which the team's packaged policy observes."""
+    policy = table.get("team", {}).get("policy", "navigation")
+    fields = packaged_bundle(policy).manifest.observation if "/" not in policy else ()
+    return [field.sensor for field in fields if isinstance(field, Sensor)]
 
 
 def write_key(path: Path) -> None:

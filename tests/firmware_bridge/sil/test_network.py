@@ -47,8 +47,8 @@ def test_robots_on_zenoh_connect_to_each_other_or_to_a_tunnel_of_each_pair(relay
 
 def test_no_port_is_given_twice():
     network = free_network(range(12), zenoh=True, relayed=True)
-    every = [port for ports in network for port in ports.values()]
-    assert len(set(every)) == len(every) == 12 * 3 + 66
+    every = [network.stream, *(port for ports in network[:-1] for port in ports.values())]
+    assert len(set(every)) == len(every) == 1 + 12 * 3 + 66
 
 
 def test_certificates_are_found_from_anywhere(tmp_path):

@@ -1,0 +1,134 @@
+"""The packaged tasks as teams of processes: the world's physics, its streams, a short run of the whole."""
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from waiting import until
+
+from edge_runtime.config.fleet import load_fleet
+from edge_runtime.errors import ConfigError
+from edge_runtime.messages import RobotState
+from edge_runtime.run.flags import make_mission, read_flags
+from edge_runtime.team.membership import Alone, open_fleet
+from export.scenarios.firmware_world import VmasWorld
+from firmware_bridge.sil.edge_sil import main as edge_sil
+from firmware_bridge.sil.firmware.node import STEP_S
+from firmware_bridge.sil.firmware.sources import Sources
+from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.harness.robots import robot_arguments
+from firmware_bridge.sil.scenario.scenario import Request, prepare, robot_bundle
+
+AHEAD_M = 0.2
+
+
+def scenario(folder, task, **others):
+    return prepare(Request(task=task, rate_hz=10.0, **others), folder)
+
+
+def world_of(ready):
+    fleet = load_fleet(Path(ready.stations[0].fleet_file))
+    manifests = [robot_bundle(fleet, robot, "").manifest for robot in fleet.robots]
+    headings = [0.0] * len(manifests)
+    return fleet, manifests, VmasWorld(fleet, manifests, headings, AHEAD_M, STEP_S, 0.1)
+
+
+def test_without_a_load_its_robots_follow_as_in_the_other_world(tmp_path):
+    fleet, manifests, world = world_of(scenario(tmp_path, "sampling"))
+    starts = [motion[:2] for motion in (robot.start_m for robot in fleet.robots)]
+    plain = World(manifests, starts, [0.0] * 3, AHEAD_M, STEP_S)
+    for _ in range(300):
+        motions = [(0.1, 0.2), (0.05, -0.1), (-0.1, 0.0)]
+        world.step(motions)
+        plain.step(motions)
+    # One pushes as hard as it can, the other as hard as the policy meant: both come to that velocity.
+    np.testing.assert_allclose(world.velocity_m_s, plain.velocity_m_s, atol=0.03)
+    assert np.linalg.norm(world.position_m - np.array(starts), axis=1).min() > 0.1
+
+
+def test_a_team_lifts_its_load_no_harder_than_it_is_told(tmp_path):
+    _, manifests, world = world_of(scenario(tmp_path, "balance"))
+    force, mass_kg = 0.9, manifests[0].motion.mass_kg
+    height = [world.objects()[0].position_m[1]]
+    for _ in range(300):
+        # The velocity upwards that a policy's force leads to, as each base turns it into forward and yaw.
+        velocity = world.velocity_m_s[:, 1] * 0.75 + 0.1 * force / mass_kg
+        headings = [world.state(robot).heading_rad for robot in range(5)]
+        told = zip(velocity.tolist(), headings, strict=True)
+        world.step([(up * math.sin(turn), up * math.cos(turn) / AHEAD_M) for up, turn in told])
+        height.append(world.objects()[0].position_m[1])
+    assert height[-1] > height[0] + 0.1
+    for _ in range(300):
+        world.step([(0.0, 0.0)] * 5)
+    assert world.objects()[0].position_m[1] < height[-1] + 0.05
+
+
+@pytest.mark.parametrize("task", ["balance", "sampling"])
+def test_every_robot_is_told_of_itself_its_load_and_its_samples(tmp_path, task):
+    ready = scenario(tmp_path, task)
+    fleet, _, world = world_of(ready)
+    flags, _ = read_flags(robot_arguments(ready, ready.stations[1]))
+    mission = make_mission(flags)
+    with Sources(fleet, world) as sources, open_fleet(mission, Alone()) as link:
+
+        def look():
+            sources.tell()
+            own = link.locate(RobotState(1, time.monotonic(), (0.0, 0.0), (0.0, 0.0)))
+            view = own and link.team(own)
+            return view if view and "stream" not in view.fault else None
+
+        view = until(look, pause_s=0.005)
+    assert view.own.position_m == pytest.approx(fleet.robots[1].start_m, abs=1e-6)
+    assert [each.name for each in view.tracked] == [each.name for each in fleet.tracked]
+    assert [(each.sensor, len(each.values)) for each in view.readings] == (
+        [("nearby_samples", 8)] if task == "sampling" else []
+    )
+
+
+@pytest.mark.parametrize("bridge", ["can", "mavlink"])
+def test_real_processes_carry_the_load(tmp_path, bridge):
+    """What is judged does not depend on how busy the machine is: all drive, and hear of the load."""
+    (tmp_path / "lenient.toml").write_text("[run]\n[machine]\n")
+    report = tmp_path / "run.json"
+    line = (sys.executable, "-m", "firmware_bridge.sil.edge_sil", "--task", "balance", "--bridge", bridge)
+    flags = ("--duration", "4", "--limits", str(tmp_path / "lenient.toml"), "--json", str(report))
+    done = subprocess.run([*line, *flags], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(report.read_text())
+    (package,) = told["objects"]
+    assert package["name"] == "package"
+    assert "package: " in done.stdout
+    assert len(told["robots"]) == 5
+    for robot in told["robots"]:
+        assert robot["accepted_messages"] > 0
+        assert not any("stream" in reason and "older" not in reason for reason in robot["stopped_ticks"])
+
+
+@pytest.mark.parametrize(
+    ("flags", "wanted"),
+    [
+        (("--task", "balance", "--robots", "4"), "--robots 4: balance has 5"),
+        (("--task", "balance", "--fleet", "team.toml"), "not allowed with argument"),
+        (("--task", "chess"), "invalid choice: 'chess'"),
+    ],
+)
+def test_flags_that_do_not_hold_together_are_refused(capsys, flags, wanted):
+    assert edge_sil(list(flags)) == 2
+    assert wanted in capsys.readouterr().err
+
+
+def test_contacts_of_who_carries_together_are_not_judged(tmp_path):
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    assert scenario(tmp_path / "a", "balance").limits.run.collisions is None
+    assert scenario(tmp_path / "b", "sampling").limits.run.collisions == 0
+
+
+def test_a_machine_without_vmas_says_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_bridge.simulation.plants.importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(ConfigError, match="--task balance: 'vmas' needs a workstation's vmas"):
+        scenario(tmp_path, "balance")
