@@ -41,6 +41,11 @@ class Bridge(Protocol):
         ...
 
     @property
+    def withholds(self) -> str:
+        """Why what is written does not drive the robot, such as that nobody armed it; empty while it does."""
+        ...
+
+    @property
     def reaction(self) -> Reaction | None:
         """How it answers faults, known once it is open; None where nothing real moves."""
         ...

@@ -51,6 +51,8 @@ class Monitor:
         """Whether the robot's own state was ever known."""
         self.stop_reason = ""
         """Why the newest command is zero; empty while the robot drives."""
+        self.withheld = ""
+        """Why the bridge kept the newest command back; empty while it does not."""
         self.judged = [Judging(asked)]
         """Each set of objectives so far, over its own time."""
         self.anytime_ticks = 0

@@ -60,8 +60,8 @@ class LiveLine:
     def _status(self) -> str:
         monitor = self._monitor
         begin = f"{self._grid.next_s:5.1f} s  robot {self._robot_id}"
-        if monitor.stop_reason:
-            text = f"{begin} stands: {printable(monitor.stop_reason)}"
+        if why := monitor.stop_reason or monitor.withheld:
+            text = f"{begin} stands: {printable(why)}"
             return text[:LONGEST_LINE] if self._terminal else text
         own = monitor.robots[self._robot_id]
         goal = f"goal {own.goal_distance_m:.2f} m, " if math.isfinite(own.goal_distance_m) else ""

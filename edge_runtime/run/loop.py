@@ -105,6 +105,7 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
         timing.end()
         fleet.share(own, command)
         monitor.update(team, guided, command, controller.unfamiliar)
+        monitor.withheld = "" if session.dry_run else bridge.withholds
         session.watch.tell(team, guided, command)
         if session.slopes:
             session.slopes.check(controller.guide, team, guided.action)

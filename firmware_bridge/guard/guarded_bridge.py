@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from edge_runtime.common.child import start_child
 from edge_runtime.control.bridge import Reaction
@@ -36,6 +36,13 @@ ENDING_S = 1.0
 
 MOST_POSES = 64
 """Of which the stamps are kept until somebody asks for them."""
+_WITHHOLDS: Final = {
+    (Phase.WATCHING, False): "nobody armed it, and --arm is not given",
+    (Phase.WATCHING, True): "the guard waits for the firmware before it arms",
+    (Phase.ENABLING, True): "the guard arms the robot",
+    (Phase.RECOVERING, True): "the guard arms the robot again",
+}
+"""Why commands are kept back, by the guard's phase and whether it may arm."""
 
 Self = TypeVar("Self", bound="GuardedBridge")
 
@@ -107,6 +114,11 @@ class GuardedBridge:
         poses = tuple(self._new_poses)
         self._new_poses.clear()
         return poses
+
+    @property
+    def withholds(self) -> str:
+        """Why the guard keeps commands back; empty while it drives."""
+        return _WITHHOLDS.get((self.phase, self._spec.arm), "")
 
     @property
     def reaction(self) -> Reaction:

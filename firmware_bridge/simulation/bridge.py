@@ -37,6 +37,7 @@ class SimBridge(Closing):
     max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints: tuple[str, ...] = ()
     poses = None
+    withholds = ""
     reaction = None
 
     def __init__(

@@ -13,10 +13,12 @@ from bundles import write_straight_bundle
 from msgspec.structs import replace
 from waiting import HANG_S, until
 
+from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.judgement import Judgement
-from edge_runtime.control.monitor import RobotTally
+from edge_runtime.control.monitor import Monitor
 from edge_runtime.control.rate import DeadlineGrid, Percentiles
 from edge_runtime.control.stopping import Stopping, Travel
+from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.run.console import LiveLine, summary, use_colour
 from edge_runtime.run.run_report import RobotReport, RunReport
 
@@ -133,26 +135,18 @@ def test_no_limit_is_called_kept_while_somebody_was_silent():
     assert line(replace(unsure, judgements=(close,)), "separation").endswith("violated")
 
 
-class Robots:
-    """A monitor's own side."""
-
-    def __init__(self, stop_reason):
-        self.stop_reason = stop_reason
-        self.unfamiliar_now = ""
-        self.robots = {0: RobotTally()}
-
-    def reached(self, robot_id):
-        return False
-
-
 @pytest.mark.parametrize(("reason", "expected"), [
-    ("", "  0.0 s  robot 0: goal inf m, nearest -; 0 of 1 there, 0 missed"),
-    ("robot 2 was not heard for 30 s", "  0.0 s  robot 0 stands: robot 2 was not heard for 30 s"),
-    ("a\x1b[2J" + "b" * 99, "  0.0 s  robot 0 stands: a?[2J" + "b" * 48),
+    ({}, "  0.0 s  robot 0: nearest -; 0 of 4 there, 0 missed"),
+    ({"stop_reason": "robot 2 is silent"}, "  0.0 s  robot 0 stands: robot 2 is silent"),
+    ({"withheld": "nobody armed it"}, "  0.0 s  robot 0 stands: nobody armed it"),
+    ({"stop_reason": "a\x1b[2J" + "b" * 99}, "  0.0 s  robot 0 stands: a?[2J" + "b" * 48),
 ])  # fmt: skip
 def test_the_live_line_says_why_a_robot_stands_in_one_line(reason, expected):
+    monitor = Monitor(load_fleet(DEFAULT_FLEET), 1, 10, ObjectiveSet())
+    for name, text in reason.items():
+        setattr(monitor, name, text)
     controller, terminal = pty.openpty()
-    with os.fdopen(terminal, "w") as stream, LiveLine(stream, 0, Robots(reason), DeadlineGrid(0.1)):
+    with os.fdopen(terminal, "w") as stream, LiveLine(stream, 0, monitor, DeadlineGrid(0.1)):
         shown = b""
         while b"\x1b[K" not in shown:
             shown += os.read(controller, 65536)

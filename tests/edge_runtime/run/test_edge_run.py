@@ -213,6 +213,7 @@ class ScriptedBridge:
     poses = None
     max_speed_m_s = max_yaw_rate_rad_s = math.inf
     complaints = ()
+    withholds = ""
     reaction = None
 
     def __init__(self, script, shut=False):

@@ -90,6 +90,23 @@ def test_states_and_counts_come_back(bridge, guard):
     assert bridge.phase is Phase.DRIVING
 
 
+@pytest.mark.parametrize(
+    ("arm", "phase", "said"),
+    [
+        (False, Phase.WATCHING, "nobody armed it, and --arm is not given"),
+        (True, Phase.WATCHING, "the guard waits for the firmware before it arms"),
+        (True, Phase.ENABLING, "the guard arms the robot"),
+        (True, Phase.RECOVERING, "the guard arms the robot again"),
+        (True, Phase.DRIVING, ""),
+        (False, Phase.DRIVING, ""),
+    ],
+)
+def test_why_commands_do_not_drive_the_robot(arm, phase, said):
+    bridge = GuardedBridge(spec(arm=arm))
+    bridge.phase = phase
+    assert bridge.withholds == said
+
+
 def test_complaints_are_kept_in_order(bridge, guard):
     guard.tell(Report(Phase.DRIVING, Counts(), STATE))
     guard.tell(Complaint("battery low"))
