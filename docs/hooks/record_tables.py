@@ -189,4 +189,5 @@ def _module(name: str) -> griffe.Module:
 def _text(docstring: str) -> str:
     """A docstring in one line of Markdown; what is None in a record is left out of a file."""
     line = " ".join(docstring.split()).replace("``", "`")
-    return re.sub(r"`(?:\w+\.)*(\w+\.\w+)`", r"`\1`", line.replace("where None", "where left out"))
+    line = re.sub(r"\bNone\b", "left out", line)
+    return re.sub(r"`(?:\w+\.)*(\w+\.\w+)`", r"`\1`", line)

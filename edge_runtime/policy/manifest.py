@@ -85,7 +85,7 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """``manifest.json``: everything the robot must know to run the policy as it was trained."""
 
     format: str
-    """``BUNDLE_FORMAT``."""
+    """What this file is, such as ``cfpg-bundle/2``."""
     name: str
     """What summaries and logs call it."""
     runtime: Literal["numpy", "onnxruntime"]

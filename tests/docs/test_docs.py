@@ -55,6 +55,22 @@ def test_every_command_is_understood_by_its_program(line, monkeypatch):
         main(arguments) if main.__code__.co_argcount else main()
 
 
+def anchors(page):
+    """Those of a page's headings, as they are made on the web."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"])
+def test_every_link_beside_the_pages_leads_somewhere(name):
+    """Those of the pages themselves are checked as the site is built."""
+    for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / name).read_text()):
+        file, _, anchor = link.partition("#")
+        if not link.startswith("https://"):
+            assert (ROOT / file).exists(), link
+            assert not anchor or anchor in anchors(ROOT / (file or name)), link
+
+
 def test_every_extra_that_a_user_may_want_is_listed():
     (extras,) = re.findall(
         r"^\[project.optional-dependencies]\n(.*?)^\[", PYPROJECT.read_text(), re.DOTALL | re.MULTILINE
