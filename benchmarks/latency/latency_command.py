@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
-from benchmarks.latency import footprint, limit, machine, paced
+from benchmarks.latency import footprint, limit, loop, machine, paced
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, BudgetVerdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
@@ -28,6 +28,10 @@ SMALL = Case(layers=(128, 128))
 def main(arguments: Sequence[str]) -> int:
     """Returns 0; 1 if a budget is broken; 3 if the machine was not quiet, which proves nothing."""
     flags = _parse(arguments)
+    if flags.loop:
+        text, quiet = loop.measure(short=flags.short)
+        print(text)
+        return 0 if quiet else 3
     if flags.html:
         check_writable(flags.html)
     old = read_result(flags.compare, list[LatencyRow]) if flags.compare else []
@@ -45,6 +49,7 @@ def main(arguments: Sequence[str]) -> int:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = make_parser("latency", __doc__)
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
+    parser.add_argument("--loop", action="store_true", help="the real loop from pose to command only")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="for the page and pictures")
@@ -90,10 +95,13 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     swept_noise = [reason for _, _, reasons in swept for reason in reasons]
     growths = [grow(sweep, rows, SWEPT) for sweep in SWEEPS]
     outcomes = [paced.measure(variant) for variant in paced.variants(["eager", "numpy", "compiled"], 5.0)]
+    driven, quiet = loop.measure(short=False)
+    driven_noise = [] if quiet else ["the real loop: its machine was disturbed, or a run failed"]
     result = page.Result(
         machine=machine_now,
-        noise=[*noise, *small_noise, *swept_noise, *machine.wake_noise(machine_now)],
+        noise=[*noise, *small_noise, *swept_noise, *machine.wake_noise(machine_now), *driven_noise],
         default=default,
+        loop=driven,
         verdicts=verdicts,
         small=small,
         growths=growths,

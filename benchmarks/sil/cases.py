@@ -6,6 +6,8 @@ from typing import NamedTuple
 from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.report.records import RobotQuality, SilReport
 
+POSE_TO_COMMAND_MS = 3.0
+"""At the firmware."""
 Judge = Callable[[SilReport], Iterator[str]]
 """Yields what was not seen; nothing if all was."""
 
@@ -34,6 +36,8 @@ class Case(NamedTuple):
     realtime: bool = True
     fleet: str = ""
     """Of those in `edge_runtime/fleets`; empty: a team that edge-sil makes."""
+    pose_hz: float = 0.0
+    """Of a pose stream; 0: the firmware tells poses."""
     own_clock: bool = False
     """Its processes have a wall clock of their own; see `benchmarks.sil.clock`."""
 
@@ -61,8 +65,7 @@ def cases() -> tuple[Case, ...]:
             long_s=60.0,
             realtime=False,
         ),
-        Case("pose to command, CAN", "p99 within a period", _pose_age, _show_pose_age),
-        Case("pose to command, MAVLink", "p99 within a period", _pose_age, _show_pose_age, bridge="mavlink"),
+        *pose_cases(),
         Case(
             "20 % packet loss",
             "message age p99 within 2 periods, no collision",
@@ -135,6 +138,16 @@ def cases() -> tuple[Case, ...]:
     )
 
 
+def pose_cases() -> tuple[Case, ...]:
+    """Return the rows that tell how soon a pose becomes a command."""
+    asked, how = f"p99 {POSE_TO_COMMAND_MS:g} ms", (_pose_age, _show_pose_age)
+    return (
+        Case("pose to command, CAN", asked, *how),
+        Case("pose to command, MAVLink", asked, *how, bridge="mavlink"),
+        Case("pose to command, CAN, poses at 120 Hz", asked, *how, pose_hz=120.0),
+    )
+
+
 def soak() -> Case:
     """Return the longest row, for a night or a coffee."""
     return Case(
@@ -188,7 +201,7 @@ def _show_counted(report: SilReport) -> str:
 
 def _pose_age(report: SilReport) -> Iterator[str]:
     for robot in _driving(report):
-        yield from _aged(robot, robot.pose_to_command_age_ms, 1e3 / report.rate_hz)
+        yield from _aged(robot, robot.pose_to_command_age_ms, POSE_TO_COMMAND_MS)
 
 
 def _aged(robot: RobotQuality, age_ms: Percentiles | None, most_ms: float) -> Iterator[str]:

@@ -34,6 +34,8 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
         flags += ["--duration", duration_s, "--json", folder / "report.json"]
         if case.realtime and realtime:
             flags.append("--realtime")
+        if case.pose_hz:
+            flags += ["--pose-stream", case.pose_hz]
         if case.faults:
             flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
         clock = own_clock(folder) if case.own_clock else {}

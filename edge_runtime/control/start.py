@@ -144,8 +144,7 @@ class StateGrid(DeadlineGrid):
         waits = expected_s <= last_s
         self._prepare_for(max(expected_s, deadline_s) if waits else deadline_s)
         if waits:
-            late_s = 0.25 * self._rhythm.interval_s + self._fresh_s
-            self._await_pose(deadline_s - self._fresh_s, min(expected_s + late_s, last_s))
+            self._await_pose(deadline_s - self._fresh_s, last_s)
         self._sleep_until(deadline_s)
         if waits:
             self.due_s = max(deadline_s, self._rhythm.newest_s)

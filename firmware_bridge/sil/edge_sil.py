@@ -86,6 +86,8 @@ def make_parser() -> CommandParser:
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
     add("--faults", type=Path, metavar="FILE", help="timeline of [[fault]] tables")
     add("--limits", type=Path, default=DEFAULT_LIMITS, metavar="FILE", help=f"default: {DEFAULT_LIMITS.name}")
+    rates = number(1.0, 1000.0)
+    add("--pose-stream", type=rates, default=0.0, metavar="HZ", help="poses from a stream of this rate")
     add("--realtime", action="store_true", help="real-time scheduling for robots, guards and plant")
     add("--log-dir", type=Path, metavar="DIR", help="keep the robots' logs there")
     return parser
@@ -110,6 +112,7 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
         limits=flags.limits,
         realtime=flags.realtime,
         log_dir=flags.log_dir,
+        pose_hz=flags.pose_stream,
     )
     return request, flags.json
 

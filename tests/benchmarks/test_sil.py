@@ -12,6 +12,7 @@ from firmware_bridge.sil.report.records import FaultDone, ProcessCost
 
 CASES = {case.name: case for case in (*cases(), soak())}
 HALT = ((1.95, 4.05),)
+YOUNG = {"pose_to_command_age_ms": Percentiles(0.7, 2.0, 2.5, 9.0)}
 OLD = Percentiles(10.0, 50.0, 55.0, 61.0)
 FULL = FaultDone(kind="log_full", at_s=10.0, for_s=1e6, details="", done_s=10.0)
 GROWN = ProcessCost(name="robot_0", cpu_cores=0.1, memory_mib=80.0, memory_growth_mib=1.2)
@@ -38,8 +39,9 @@ def missing(name, *robots, **changes):
             {"lacking_commands": 0, "counted_misses": 0},
             {"lacking_commands": None},
         ),
-        ("pose to command, CAN", {}, {"pose_to_command_age_ms": OLD}),
-        ("pose to command, MAVLink", {}, {"pose_to_command_age_ms": None}),
+        ("pose to command, CAN", YOUNG, {"pose_to_command_age_ms": OLD}),
+        ("pose to command, MAVLink", YOUNG, {"pose_to_command_age_ms": None}),
+        ("pose to command, CAN, poses at 120 Hz", YOUNG, {"pose_to_command_age_ms": OLD}),
         ("20 % packet loss", {}, {"fleet_message_age_ms": OLD}),
         ("20 % packet loss", {}, {"collisions": 2}),
         ("20 % packet loss, Zenoh", {}, {"fleet_message_age_ms": None}),
@@ -102,7 +104,7 @@ def test_a_disturbed_row_says_so():
     ],
 )
 def test_a_run_that_only_came_late_is_repeated_and_said_so(name, late):
-    quiet = report(robot(0, lacking_commands=0, counted_misses=0))
+    quiet = report(robot(0, lacking_commands=0, counted_misses=0, **YOUNG))
     runs = iter([report(robot(0, **late)), quiet])
     row = settled_row(CASES[name], lambda: next(runs))
     assert (row.missing, row.late_before) == ((), 1)

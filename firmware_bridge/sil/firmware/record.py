@@ -29,6 +29,8 @@ class NodeRecord(msgspec.Struct, frozen=True):
     """When each pose was measured, which is when it was sent."""
     timeouts: int
     """How many times this firmware stopped by itself."""
+    pose_x_m: list[float] = []
+    """Where each pose was, if it came in a stream: by that a robot's log tells which one it used."""
 
 
 class NodeRecorder:
@@ -38,14 +40,22 @@ class NodeRecorder:
         robot_id: whose it is.
         firmware: what it listens to.
         pace: how much will come.
+        streamed: the robot hears its poses from a stream, see `take_pose`, not from its firmware.
     """
 
-    def __init__(self, robot_id: int, firmware: Firmware[Any], pace: Pace) -> None:
+    def __init__(self, robot_id: int, firmware: Firmware[Any], pace: Pace, *, streamed: bool = False) -> None:
         self._robot_id, self._firmware = robot_id, firmware
         commands_hz, poses_hz, duration_s = pace
         self._command_s, self._forward, self._yaw = (Samples(commands_hz, duration_s) for _ in range(3))
-        self._pose_s = Samples(poses_hz, duration_s)
-        firmware.on_command, firmware.on_pose = self._take, self._pose_s.append
+        self._pose_s, self._pose_x_m = (Samples(poses_hz, duration_s) for _ in range(2))
+        firmware.on_command = self._take
+        if not streamed:
+            firmware.on_pose = self._pose_s.append
+
+    def take_pose(self, measured_s: float, x_m: float) -> None:
+        """Take in a pose of the robot's stream."""
+        self._pose_s.append(measured_s)
+        self._pose_x_m.append(x_m)
 
     def record(self) -> NodeRecord:
         """Return everything so far."""
@@ -56,6 +66,7 @@ class NodeRecorder:
             self._yaw.tolist(),
             self._pose_s.tolist(),
             self._firmware.timeouts,
+            self._pose_x_m.tolist(),
         )
 
     def _take(self, heard: Heard) -> None:

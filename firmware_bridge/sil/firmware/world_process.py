@@ -61,6 +61,8 @@ class WorldSpec(msgspec.Struct, frozen=True):
     realtime: bool
     stations: tuple[Station, ...]
     faults: tuple[AnyFault, ...]
+    pose_hz: float = 0.0
+    """Of the streams that tell poses, where they have a rate of their own."""
 
 
 class WorldRecord(msgspec.Struct, frozen=True):
@@ -86,7 +88,6 @@ class WorldProcess:
         starts = [station.start_m for station in spec.stations]
         headings = [station.heading_rad for station in spec.stations]
         world = _world(spec, fleet, manifests, starts, headings)
-        self._sources, self._pose_turn = Sources(fleet, world), 0
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
         self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
@@ -96,8 +97,11 @@ class WorldProcess:
             firmware.located = False
         pose_steps = max(1, round(min(LONGEST_POSE_PERIOD_S, 0.5 / spec.rate_hz) / STEP_S))
         self._pose_steps, self._fleet, self._world = pose_steps, fleet, world
-        pace = Pace(spec.rate_hz, 1.0 / (pose_steps * STEP_S), spec.duration_s)
-        self._recorders = [NodeRecorder(*one, pace) for one in self._firmware.items()]
+        pace = Pace(spec.rate_hz, spec.pose_hz or 1.0 / (pose_steps * STEP_S), spec.duration_s)
+        streamed = spec.pose_hz > 0.0
+        self._recorders = [NodeRecorder(*one, pace, streamed=streamed) for one in self._firmware.items()]
+        self._sources = Sources(fleet, world, self._take_pose, spec.pose_hz, time.monotonic())
+        self._pose_turn = 0
         self._loop = FirmwareLoop(world, nodes, pose_steps)
         self._spec, self._late_s = spec, Samples(1.0 / STEP_S, spec.duration_s)
         self._lines, self._t0_s = 0, float("inf")
@@ -107,7 +111,9 @@ class WorldProcess:
         self._loop.listen(sys.stdin.fileno(), self._hear)
         with self._loop, self._sources:
             while not signals.reason:
-                if (late_s := self._loop.turn()) is not None:
+                late_s = self._loop.turn(self._sources.due_s)
+                self._sources.tell_due(time.monotonic())
+                if late_s is not None:
                     self._look(time.monotonic(), late_s)
 
     def record(self) -> WorldRecord:
@@ -132,8 +138,8 @@ class WorldProcess:
     def _look(self, now_s: float, late_s: float) -> None:
         """Measure after a step, and see to what the timeline wants of the next one."""
         self._pose_turn += 1
-        if self._pose_turn % self._pose_steps == 0:
-            self._sources.tell()
+        if self._pose_turn % self._pose_steps == 0 and not self._spec.pose_hz:
+            self._sources.tell(now_s)
         if self._t0_s < now_s:
             self._late_s.append(late_s)
             self._mind_faults(now_s - self._t0_s)
@@ -144,6 +150,11 @@ class WorldProcess:
         if drive and self._t0_s == float("inf"):
             self._t0_s = now_s + SETTLING_S
             print(msgspec.json.encode(RunStart(self._t0_s)).decode(), flush=True)
+
+    def _take_pose(self, robot_id: int, measured_s: float, x_m: float) -> None:
+        if self._spec.pose_hz:
+            place = list(self._firmware).index(robot_id)
+            self._recorders[place].take_pose(measured_s, x_m)
 
     def _mind_faults(self, elapsed_s: float) -> None:
         for fault in self._spec.faults:

@@ -43,6 +43,7 @@ class Launch:
             request.realtime,
             scenario.stations,
             scenario.faults,
+            request.pose_hz,
         )
         return self._start("world", world_process, self._write("world", spec), answers=True)
 

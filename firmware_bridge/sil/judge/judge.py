@@ -120,6 +120,8 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         ),
         objective_changes_s=tuple((at_s - recording.t0_s, version) for at_s, version in log.changes_s()),
         halts_s=halts(np.array(node.command_s), speed, *window),
+        tick_us=runtime.tick_us if runtime else None,
+        stage_us=runtime.stage_us if runtime else {},
         goal_distance_m=outcome.goal_distance_m,
         least_distance_m=outcome.least_distance_m,
         greatest_speed_m_s=outcome.greatest_speed_m_s,
@@ -170,7 +172,13 @@ def _pose_ages(scenario: Scenario, recording: Recording, node: NodeRecord) -> Fl
     arrival_s = np.array(node.command_s)
     inside = arrival_s[(arrival_s >= recording.t0_s) & (arrival_s < recording.end_s)]
     tolerance_s = POSE_TOLERANCE_S[scenario.request.bridge]
-    return pose_ages(inside, log.decided_s, log.used_pose_s, np.array(node.pose_s), tolerance_s)
+    measured_s, used_s = np.array(node.pose_s), log.used_pose_s
+    if node.pose_x_m:
+        # Its stamp is the older one of pose and wheels; what it acted on is that pose.
+        by_place = dict(zip(node.pose_x_m, node.pose_s, strict=True))
+        used_s = np.array([by_place.get(x_m, -np.inf) for x_m in log.used_x_m.tolist()])
+        tolerance_s = 0.0
+    return pose_ages(inside, log.decided_s, used_s, measured_s, tolerance_s)
 
 
 def _worst(every: Iterable[Percentiles | None]) -> Percentiles | None:

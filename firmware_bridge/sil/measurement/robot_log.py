@@ -30,6 +30,8 @@ class RobotLog(NamedTuple):
     """Deadlines that the loop had counted as missed, at each decision."""
     fresh: Floats
     """1 where the decision was the first on that message, 0 where it was used before."""
+    used_x_m: Floats
+    """Where the robot was by the pose that it used."""
 
     def message_ages_s(self, begin_s: float, end_s: float) -> Floats:
         """Return the ages of messages when they were first used, within a time."""
@@ -57,7 +59,7 @@ class RobotLog(NamedTuple):
 
 def read_robot_log(folder: Path) -> RobotLog:
     """Return what the log in a folder holds, up to its damage if it has any."""
-    decided, pose, ages, at, versions, due, misses, fresh = (array("d") for _ in range(8))
+    decided, pose, ages, at, versions, due, misses, fresh, x_m = (array("d") for _ in range(9))
     newest: dict[int, float] = {}
     # A full disk leaves files without even their first bytes.
     for path in sorted(path for path in folder.glob("*.mcap") if path.stat().st_size > len(MCAP0_MAGIC)):
@@ -66,6 +68,7 @@ def read_robot_log(folder: Path) -> RobotLog:
                 continue
             decided.append(tick.command.stamp_s)
             pose.append(tick.state.own.stamp_s)
+            x_m.append(tick.state.own.position_m[0])
             versions.append(tick.inputs.objectives_version)
             due.append(tick.inputs.deadline_s)
             misses.append(tick.inputs.misses)
@@ -74,4 +77,5 @@ def read_robot_log(folder: Path) -> RobotLog:
                 at.append(tick.command.stamp_s)
                 fresh.append(newest.get(mate.state.robot_id) != mate.state.stamp_s)
                 newest[mate.state.robot_id] = mate.state.stamp_s
-    return RobotLog(*(np.array(column) for column in (decided, pose, ages, at, versions, due, misses, fresh)))
+    columns = (decided, pose, ages, at, versions, due, misses, fresh, x_m)
+    return RobotLog(*(np.array(column) for column in columns))

@@ -74,6 +74,10 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     """(from, to) of each time of over three periods that its log does not tell of, in the run's time."""
     objective_changes_s: tuple[tuple[float, int], ...]
     """(time, version) of each first decision under other objectives, in the run's time."""
+    tick_us: Percentiles | None = None
+    """From the runtime's waking to its command's departure, as it reports at its end."""
+    stage_us: dict[str, Percentiles] = {}
+    """Of the parts of a tick; ``wake`` is from when it was due."""
     goal_distance_m: float | None
     least_distance_m: float | None
     greatest_speed_m_s: float

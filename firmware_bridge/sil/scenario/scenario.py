@@ -55,6 +55,8 @@ class Request(msgspec.Struct, frozen=True, kw_only=True):
     limits: Path = DEFAULT_LIMITS
     realtime: bool = False
     log_dir: Path | None = None
+    pose_hz: float = 0.0
+    """Of a stream that tells the robots their poses; 0: their firmware does."""
 
 
 class Station(msgspec.Struct, frozen=True):
@@ -112,7 +114,8 @@ def prepare(request: Request, folder: Path) -> Scenario:
     _check_rights(request, faults)
     relayed = any(isinstance(fault, NetworkFault) for fault in faults)
     network = free_network(robots, zenoh=on_zenoh(table), relayed=relayed)
-    files = write_fleets(with_streams(table, network.stream), robots, network, folder)
+    table = with_streams(table, network.stream, wanted=request.pose_hz > 0.0)
+    files = write_fleets(table, robots, network, folder)
     fleet = load_fleet(files[robots[0]])
     if request.limits == DEFAULT_LIMITS and any(each.goal_m for each in fleet.tracked):
         # Who carries something together touches it, and each other.

@@ -40,12 +40,12 @@ def task_team(task: str) -> Table:
     return {**table, "carrier": {"type": "udp", "key": "team.key"}}
 
 
-def with_streams(table: Table, stream: int) -> Table:
+def with_streams(table: Table, stream: int, *, wanted: bool = False) -> Table:
     """Return the fleet with poses, tracked objects and sensors told by the world, at this port.
 
-    That is where it moves more than robots; else the table as it is.
+    That is where it moves more than robots, or where it is wanted; else the table as it is.
     """
-    if table.get("simulation", {}).get("plant", "discs") == "discs":
+    if table.get("simulation", {}).get("plant", "discs") == "discs" and not wanted:
         return table
     place, sensors = f"{HOST}:{stream}", sensor_names(table)
     robots = [{**robot, "pose": place, "sensors": dict.fromkeys(sensors, place)} for robot in table["robots"]]

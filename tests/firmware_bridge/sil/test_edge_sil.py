@@ -163,6 +163,18 @@ def run(folder, *flags, faults=""):
     return done, json.loads(report) if report else None
 
 
+@pytest.mark.integration
+@on_a_quiet_machine
+def test_a_team_drives_by_a_pose_stream(folder):
+    flags = ("--robots", "2", "--rate", "5", "--duration", "1", "--pose-stream", "30")
+    done, report = run(folder, *flags)
+    assert (done.returncode, report["ended"]) == (0, []), done.stderr
+    for robot in report["robots"]:
+        assert 0.0 < robot["pose_to_command_age_ms"]["p50"] <= 100.0
+        assert robot["tick_us"]["p50"] > 0.0
+        assert set(robot["stage_us"]) == {"wake", "read", "observe", "act", "limit", "write"}
+
+
 def test_a_team_drives_and_is_measured(folder):
     done, report = run(folder, "--robots", "2", "--rate", "5", "--duration", "1")
     assert (done.returncode, report["verdict"], report["ended"]) == (0, "passed", []), done.stderr

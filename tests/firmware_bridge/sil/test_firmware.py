@@ -214,6 +214,14 @@ class TestAutopilot:
         assert rover.hear(b"\xfd noise", 0.0) == []
 
 
+def test_a_streams_poses_are_recorded_in_the_place_of_the_firmwares(chassis):
+    recorder = NodeRecorder(7, chassis, Pace(50.0, 120.0, 1.0), streamed=True)
+    chassis.report(STATE)
+    recorder.take_pose(3.0, 0.25)
+    record = recorder.record()
+    assert (record.pose_s, record.pose_x_m) == ([3.0], [0.25])
+
+
 def test_every_command_is_recorded_with_its_arrival_obeyed_or_not(chassis):
     recorder = NodeRecorder(7, chassis, Pace(50.0, 50.0, 1.0))
     chassis.hear(HALF, arrival_s=1.0)

@@ -12,7 +12,7 @@ from firmware_bridge.sil.network.disturbance import RETRANSMISSION_S, Disturbanc
 from firmware_bridge.sil.network.relay import Line, Relay, RelaySpec
 from firmware_bridge.sil.scenario.faults import Blackout, Delay, Loss
 from firmware_bridge.sil.scenario.ports import Tunnel, free_network, free_ports
-from firmware_bridge.sil.scenario.team_file import on_network, resolved
+from firmware_bridge.sil.scenario.team_file import on_network, resolved, with_streams
 
 ROBOTS = (2, 5, 7)
 HOST = "127.0.0.1"
@@ -30,6 +30,12 @@ def test_robots_on_udp_see_each_other_at_their_ports_or_relays(relayed):
     assert seen[5]["address"] == f"{HOST}:{network.ports[5]}"
     assert seen[2]["address"] == f"{HOST}:{(network.relays if relayed else network.ports)[2]}"
     assert "zenoh" not in seen[2] and network.tunnels == {}
+
+
+@pytest.mark.parametrize("wanted", [False, True])
+def test_robots_of_a_plain_world_hear_their_poses_from_a_stream_where_that_is_wanted(wanted):
+    robots = with_streams(table(), 4711, wanted=wanted)["robots"]
+    assert {robot.get("pose", "") for robot in robots} == {f"{HOST}:4711" if wanted else ""}
 
 
 @pytest.mark.parametrize("relayed", [False, True])

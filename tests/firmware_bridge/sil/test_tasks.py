@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from waiting import until
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
+from edge_runtime.network.stream_wire import Kind
+from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.run.flags import make_mission, read_flags
 from edge_runtime.team.membership import Alone, open_fleet
 from export.scenarios.firmware_world import VmasWorld
 from firmware_bridge.sil.edge_sil import main as edge_sil
+from firmware_bridge.sil.firmware import sources as streams
 from firmware_bridge.sil.firmware.node import STEP_S
 from firmware_bridge.sil.firmware.sources import Sources
 from firmware_bridge.sil.firmware.world import World
@@ -77,7 +81,7 @@ def test_every_robot_is_told_of_itself_its_load_and_its_samples(tmp_path, task):
     with Sources(fleet, world) as sources, open_fleet(mission, Alone()) as link:
 
         def look():
-            sources.tell()
+            sources.tell(time.monotonic())
             own = link.locate(RobotState(1, time.monotonic(), (0.0, 0.0), (0.0, 0.0)))
             view = own and link.team(own)
             return view if view and "stream" not in view.fault else None
@@ -132,3 +136,21 @@ def test_a_machine_without_vmas_says_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr("firmware_bridge.simulation.plants.importlib.util.find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match="--task balance: 'vmas' needs a workstation's vmas"):
         scenario(tmp_path, "balance")
+
+
+def test_streams_with_a_rate_of_their_own_are_told_at_it(monkeypatch):
+    told, seen = [], []
+    host = SimpleNamespace(publish=lambda *content: told.append(content), listen=lambda: None)
+    monkeypatch.setattr(streams, "StreamHost", lambda *_: host)
+    monkeypatch.setattr(streams, "team_key", lambda _: b"key")
+    robot = SimpleNamespace(id=4, pose_place=("127.0.0.1", 1), address="127.0.0.1:2", sensors={})
+    fleet = SimpleNamespace(robots=(robot,), tracked=())
+    world = World([packaged_bundle("navigation").manifest], [(0.0, 1.0)], [0.5], 0.1, 0.01)
+    told_at_100_hz = Sources(fleet, world, lambda _, *pose: seen.append(pose), 100.0, 5.0)
+    for now_s in (4.99, 5.0, 5.009, 5.0101, 5.05, 5.0599):
+        told_at_100_hz.tell_due(now_s)
+    assert [now_s for now_s, _ in seen] == [5.0, 5.0101, 5.05]
+    assert len({x for _, x in seen}) == len(seen) == len(told)  # one pose is told from the next
+    kind, robot_id, stamp_s, (x, y, *_, heading, _) = told[0]
+    assert (kind, robot_id, stamp_s, heading) == (Kind.POSE, 4, 5.0, 0.5)
+    assert (x, y) == pytest.approx((0.0, 1.0), abs=1e-3)
