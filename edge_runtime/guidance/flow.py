@@ -24,10 +24,11 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from msgspec.structs import replace
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.common.vectors import dot, plus
+from edge_runtime.common.vectors import dot, plus, through
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
 from edge_runtime.guidance.projection import COMBINE, cone, harmonize, project_onto_nominal, weighted_sum
@@ -74,13 +75,15 @@ def guided_action(
         PolicyError: if the policy cannot be computed.
     """
     rest = (0.0,) * policy.action_dim
-    if not math.isfinite(observation.sum()):
+    if not math.isfinite(np.add.reduce(observation, axis=None)):  # as its method, a wrapper less
         return GuidedAction(rest, 0, fault="the observation is not finite", correction=rest)
     policy.observe(observation)
     obstacles = guide.sensor.obstacles(team) if guide.sensor else ()
     outlooks = [
-        look_ahead(team, preview, obstacles, horizon_s)
-        for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
+        look_ahead(team, preview, obstacles, horizon_s, sees_team)
+        for preview, horizon_s, sees_team in zip(
+            guide.previews, guide.horizons_s, guide.sees_team, strict=True
+        )
     ]
     sampler, total = policy.sampler, policy.euler_steps
     start = rest if start is None else start
@@ -108,7 +111,7 @@ def _flow(
     now, longest = time.monotonic(), 0.0
     for k in range(total):
         left = 1.0 - k / total
-        (velocity,), *tangents = policy.step(k, (action,)).tolist()
+        velocity, *tangents = policy.step(k, (action,))[:, 0].tolist()
         estimate = plus(action, left, velocity)  # a_hat of eq. 10
         try:
             directions, factors = _pulled_back(bound, estimate, left, tangents, tally)
@@ -150,7 +153,7 @@ def _pulled_back(
     bound: Sequence[tuple[Objective, Outlook, float]],
     estimate: Vector,
     left: float,
-    tangents: Sequence[tuple[Vector]],
+    tangents: Sequence[Vector],
     tally: _Tally,
 ) -> tuple[list[Vector], list[float]]:
     """Directions g_m and factors eta lambda_m of the objectives that the estimate does not meet: eq. 11.
@@ -164,8 +167,7 @@ def _pulled_back(
     for m, (objective, outlook, factor) in enumerate(bound):
         costs[m], gradient = action_slope(objective, outlook, estimate)
         if any(gradient):
-            pairs = zip(gradient, tangents, strict=True)
-            directions.append(tuple([-g - left * dot(along, gradient) for g, (along,) in pairs]))  # eq. 11
+            directions.append(plus([-g for g in gradient], -left, through(tangents, gradient)))  # eq. 11
             factors.append(factor)
             members.append(m)
     if len(members) > 1:

@@ -34,12 +34,14 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,): what each one sees of the robot's motion."""
     horizons_s: tuple[float, ...]
     """(M,): how far ahead that is."""
+    sees_team: tuple[bool, ...]
+    """(M,): whether it is shown the teammates."""
     factors: tuple[float, ...]
     """(M,): eta lambda_m."""
     kernel_terms: tuple[str, ...]
     """(M,): what the compiled kernel calls each cost; empty for one that is computed in Python."""
-    kernel_gains: tuple[Row, ...]
-    """(M,): see `edge_runtime.motion.linear.constant_gains`, of what each cost is of."""
+    kernel_heads: tuple[Row, ...]
+    """(M,): the head of an `edge_runtime.policy.velocity_field.Term`."""
     projection: Projection
     """How conflicts are resolved along the flow."""
     corrected: bool
@@ -92,13 +94,17 @@ def make_guide(
         objectives=active,
         previews=previews,
         horizons_s=tuple(objective.look_ahead * model.dt_s for objective in active),
+        # A subclass may cost something else: what its parent states does not count, here and below.
+        sees_team=tuple(vars(type(each)).get("sees_team", True) for each in active),
         factors=tuple(settings.scale * objective.weight for objective in active),
-        # A subclass may cost something else: what its parent states does not count.
         kernel_terms=tuple(
             vars(type(each)).get("kernel_term", "") if gain else ""
             for each, gain in zip(active, gains, strict=True)
         ),
-        kernel_gains=gains,
+        kernel_heads=tuple(
+            (settings.scale * each.weight, float(model.dims), *gain)
+            for each, gain in zip(active, gains, strict=True)
+        ),
         projection="hierarchical" if settings.mode == "terminal" else settings.mode,
         corrected=corrected,
         preferences=tuple(m for m in places if active[m].preference),

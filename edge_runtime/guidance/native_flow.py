@@ -20,16 +20,16 @@ def native_flow(
     most_steps: int,
 ) -> GuidedAction:
     """Sample an action that is still to be corrected; the observation is set already."""
-    terms = []
+    terms: list[Term] = []
     rest = (0.0,) * len(start)
-    for kind, factor, gains, objective, outlook in zip(
-        guide.kernel_terms, guide.factors, guide.kernel_gains, guide.objectives, outlooks, strict=True
+    for kind, head, objective, outlook in zip(
+        guide.kernel_terms, guide.kernel_heads, guide.objectives, outlooks, strict=True
     ):
         try:
             numbers = encoded(objective, outlook)
         except ObjectiveError as error:
             return GuidedAction(rest, 0, fault=str(error), correction=rest, objective_failed=True)
-        terms.append(Term(kind, factor, outlook.preview.dims, gains, numbers))
+        terms.append((kind, head, numbers))
     sample = sampler.sample(guide.projection, terms, start, deadline_s - time.monotonic(), most_steps)
     if sample.fault >= 0:
         fault = str(not_finite(guide.objectives[sample.fault]))

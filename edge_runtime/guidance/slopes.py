@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from edge_runtime.common.signals import is_interrupt
 from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
-from edge_runtime.motion.prediction import pulled_back
 from edge_runtime.objectives import Objective
 
 
@@ -20,14 +19,16 @@ def action_slope(objective: Objective, outlook: Outlook, action: Sequence[float]
     Raises:
         ObjectiveError: names the objective and what it raised, or that its gradient is not finite.
     """
-    motion, columns = outlook.forecast.at(action)
+    motion, jacobian = outlook.forecast.at(action)
     try:
-        cost, *slope = objective.evaluate(motion, outlook)
-        # What it computes with may be numbers of another library, which no record could keep.
-        cost, gradient = float(cost), tuple(map(float, pulled_back(columns, slope)))
+        slope = objective.evaluate(motion, outlook)
+        gradient, cost = jacobian.pull_back(slope), float(slope[0])
+        if type(total := cost + sum(gradient)) is not float:
+            # It may compute with numbers of another library, which no record could keep.
+            gradient, total = tuple(map(float, gradient)), float(total)
     except BaseException as error:  # one of the user's own may raise anything
         raise _raised(objective, error) from error
-    if not math.isfinite(cost + sum(gradient)):
+    if not math.isfinite(total):
         raise not_finite(objective)
     return cost, gradient
 

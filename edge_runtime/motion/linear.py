@@ -7,7 +7,10 @@ import msgspec
 import numpy as np
 
 from edge_runtime.messages import RobotState
-from edge_runtime.motion.prediction import Columns, PredictedMotion, Preview
+from edge_runtime.motion.prediction import Columns, PredictedMotion, Preview, pulled_back
+
+_new = tuple.__new__
+"""Past the constructor of named tuples, which takes longer than a motion of the plane."""
 
 Row = tuple[float, ...]
 """One number for each of d action components."""
@@ -119,26 +122,30 @@ class LinearPreview(msgspec.Struct, frozen=True, gc=False):
         (x, vx), (y, vy) = moved[:2]
         z, vz = moved[2] if self.dims == 3 else (0.0, 0.0)
         heading, yaw_rate = moved[-1] if self.turns else (0.0, 0.0)
-        return LinearForecast(PredictedMotion(x, y, vx, vy, z, vz, heading, yaw_rate), self.columns)
+        return LinearForecast(PredictedMotion(x, y, vx, vy, z, vz, heading, yaw_rate), self)
 
     def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
         """See `Preview.predict`."""
         return self.forecast(state).at(action)[0]
+
+    def pull_back(self, slope: Sequence[float]) -> Row:
+        """See `Jacobian.pull_back`."""
+        return pulled_back(self.columns, slope)
 
 
 class LinearForecast(msgspec.Struct, frozen=True, gc=False):
     """A `Forecast` that is linear in the action."""
 
     drift: PredictedMotion
-    columns: Columns
+    preview: LinearPreview
 
-    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, LinearPreview]:
         """See `Forecast.at`."""
         motion = list(self.drift)
-        for value, column in zip(action, self.columns, strict=True):
+        for value, column in zip(action, self.preview.columns, strict=True):
             for component, gain in enumerate(column):
                 motion[component] += gain * value
-        return PredictedMotion(*motion), self.columns
+        return PredictedMotion(*motion), self.preview
 
 
 class PlanarPreview(msgspec.Struct, frozen=True, gc=False):
@@ -158,23 +165,23 @@ class PlanarPreview(msgspec.Struct, frozen=True, gc=False):
         """See `Preview.forecast`."""
         (x, y), (vx, vy) = state.position_m, state.velocity_m_s
         reach, keep = self.position_decay, self.velocity_decay
-        return PlanarForecast(PredictedMotion(x + reach * vx, y + reach * vy, keep * vx, keep * vy), self)
+        drift = (x + reach * vx, y + reach * vy, keep * vx, keep * vy, 0.0, 0.0, 0.0, 0.0)
+        return PlanarForecast(_new(PredictedMotion, drift), self)
 
     def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
         """See `Preview.predict`."""
         (x, y), (vx, vy), (ux, uy) = state.position_m, state.velocity_m_s, action
-        reach, keep, shift, push = (
-            self.position_decay,
-            self.velocity_decay,
-            self.position_gain,
-            self.velocity_gain,
-        )
-        return PredictedMotion(
-            x + reach * vx + shift * ux,
-            y + reach * vy + shift * uy,
-            keep * vx + push * ux,
-            keep * vy + push * uy,
-        )
+        reach, keep = self.position_decay, self.velocity_decay
+        shift, push = self.position_gain, self.velocity_gain
+        x, vx = x + reach * vx + shift * ux, keep * vx + push * ux
+        y, vy = y + reach * vy + shift * uy, keep * vy + push * uy
+        return _new(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0))
+
+    def pull_back(self, slope: Sequence[float]) -> Row:
+        """See `Jacobian.pull_back`."""
+        _cost, d_x, d_y, d_vx, d_vy, *_others = slope
+        shift, push = self.position_gain, self.velocity_gain
+        return (shift * d_x + push * d_vx, shift * d_y + push * d_vy)
 
 
 class PlanarForecast(msgspec.Struct, frozen=True, gc=False):
@@ -183,10 +190,10 @@ class PlanarForecast(msgspec.Struct, frozen=True, gc=False):
     drift: PredictedMotion
     preview: PlanarPreview
 
-    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, PlanarPreview]:
         """See `Forecast.at`."""
-        x, y, vx, vy, *_ = self.drift
-        (ax, ay), preview = action, self.preview
+        drift, (ax, ay), preview = self.drift, action, self.preview
         shift, push = preview.position_gain, preview.velocity_gain
-        motion = PredictedMotion(x + shift * ax, y + shift * ay, vx + push * ax, vy + push * ay)
-        return motion, preview.columns
+        x, vx = drift[0] + shift * ax, drift[2] + push * ax
+        y, vy = drift[1] + shift * ay, drift[3] + push * ay
+        return _new(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0)), preview

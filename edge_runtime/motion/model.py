@@ -72,7 +72,7 @@ class Model(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True, t
         Raises:
             ValueError: as `predict`.
         """
-        return preview(self, steps).forecast(state).at(action)[1]
+        return preview(self, steps).forecast(state).at(action)[1].columns
 
     def at_period(self: Self, period_s: float) -> Self:
         """The same robot integrated with another period."""

@@ -58,7 +58,11 @@ class Outlook(msgspec.Struct, frozen=True, gc=False):
 
 
 def look_ahead(
-    team: TeamState, preview: Preview, obstacles: tuple[Vector2, ...] = (), horizon_s: float = 0.0
+    team: TeamState,
+    preview: Preview,
+    obstacles: tuple[Vector2, ...] = (),
+    horizon_s: float = 0.0,
+    sees_team: bool = True,
 ) -> Outlook:
     """Predict one robot's drift and its neighbours' motion over a preview, by the same model.
 
@@ -67,13 +71,14 @@ def look_ahead(
         preview: how robots move until the time of the outlook.
         obstacles: what its range sensor sees.
         horizon_s: how far that time lies ahead, for tracked objects.
+        sees_team: False leaves the neighbours out, for whom they are nothing.
     """
-    neighbours = [
-        Neighbour(mate.state.robot_id, *preview.predict(mate.state, mate.intended_action))
-        for mate in team.teammates + team.silent
+    new, predict, own = tuple.__new__, preview.predict, team.own
+    neighbours = [  # past the slower constructor of named tuples
+        new(Neighbour, (mate.state.robot_id, *predict(mate.state, mate.intended_action)))
+        for mate in (team.teammates + team.silent if sees_team else ())
     ]
-    own = team.own
-    tracked = tuple(_later(each, horizon_s) for each in team.tracked)
+    tracked = tuple([_later(each, horizon_s) for each in team.tracked])
     return Outlook(own.robot_id, preview, preview.forecast(own), tuple(neighbours), obstacles, tracked)
 
 

@@ -33,14 +33,31 @@ Columns = tuple[tuple[float, ...], ...]
 their order; the last ones are left out where a model does not have them."""
 
 
+class Jacobian(Protocol):
+    """How a predicted motion depends on the action, at one action."""
+
+    @property
+    def columns(self) -> Columns:
+        """Itself."""
+        ...
+
+    def pull_back(self, slope: Sequence[float]) -> tuple[float, ...]:
+        """A cost's gradient (d,) with respect to the action.
+
+        Args:
+            slope: the cost, and its derivatives over the first 4 to 8 components of the motion.
+        """
+        ...
+
+
 def pulled_back(columns: Columns, slope: Sequence[float]) -> tuple[float, ...]:
-    """A cost's gradient (d,) with respect to the action, given its slope (4 to 8,) over the motion."""
-    d_x, d_y, d_vx, d_vy, *others = slope
-    gradient = []
-    for x, y, vx, vy, *more in columns:
-        along = x * d_x + y * d_y + vx * d_vx + vy * d_vy
-        for gain, d_other in zip(more, others, strict=False):
-            along += gain * d_other
+    """See `Jacobian.pull_back`."""
+    _cost, d_x, d_y, d_vx, d_vy, *others = slope
+    over, gradient = (d_x, d_y, d_vx, d_vy, *others), []
+    for column in columns:
+        along = 0.0
+        for gain, derivative in zip(column, over, strict=False):
+            along += gain * derivative
         gradient.append(along)
     return tuple(gradient)
 
@@ -53,7 +70,7 @@ class Forecast(Protocol):
         """The motion under a zero action."""
         ...
 
-    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Jacobian]:
         """The motion under an action (d,), and its Jacobian there."""
         ...
 

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from edge_runtime.messages import RobotState
 from edge_runtime.motion.model import Fault, Model, not_positive
-from edge_runtime.motion.prediction import Columns, PredictedMotion
+from edge_runtime.motion.prediction import Columns, PredictedMotion, pulled_back
 
 Number = Any
 """A float, or an array of them: one robot or many, by the same equations."""
@@ -151,6 +151,17 @@ class UnicycleForecast(msgspec.Struct, frozen=True, gc=False):
     start: Rolling
     drift: PredictedMotion
 
-    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, Columns]:
+    def at(self, action: Sequence[float]) -> tuple[PredictedMotion, "UnicycleJacobian"]:
         """See `Forecast.at`."""
-        return self.model.roll(self.start, action, self.steps)
+        motion, columns = self.model.roll(self.start, action, self.steps)
+        return motion, UnicycleJacobian(columns)
+
+
+class UnicycleJacobian(msgspec.Struct, frozen=True, gc=False):
+    """See `edge_runtime.motion.prediction.Jacobian`."""
+
+    columns: Columns
+
+    def pull_back(self, slope: Sequence[float]) -> tuple[float, ...]:
+        """See `Jacobian.pull_back`."""
+        return pulled_back(self.columns, slope)

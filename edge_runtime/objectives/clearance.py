@@ -3,27 +3,29 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Slope
 
-Point = tuple[float, float, float, float]
-"""x, y and z in m, and the side along x, 1 or -1, on which to leave it if the positions coincide."""
 
+def keep_clear(
+    motion: PredictedMotion, points: Iterable[Neighbour], keep_m: float, outlook: Outlook
+) -> Slope:
+    """J = 1/2 sum over points nearer than ``keep_m`` of (shortfall / position gain)^2.
 
-def keep_clear(motion: PredictedMotion, points: Iterable[Point], keep_m: float, outlook: Outlook) -> Slope:
-    """J = 1/2 sum over points nearer than ``keep_m`` of (shortfall / position gain)^2."""
-    gain = outlook.preview.position_gain
-    cost = d_x = d_y = d_z = 0.0
-    for x, y, z, side in points:
-        dx, dy, dz = motion.x - x, motion.y - y, motion.z - z
+    At one place the order of their numbers decides in which direction along x to leave it.
+    """
+    x, y, _, _, z, *_ = motion
+    gain, cost, d_x, d_y, d_z = outlook.preview.position_gain, 0.0, 0.0, 0.0, 0.0
+    for point in points:
+        dx, dy, dz = x - point.x, y - point.y, z - point.z
         square = dx * dx + dy * dy + dz * dz
         if square < keep_m * keep_m:
             distance = math.sqrt(square)
             cure = (keep_m - distance) / gain
             cost += 0.5 * cure * cure
             if distance == 0.0:
-                dx, distance = side, 1.0
+                dx, distance = math.copysign(1.0, outlook.robot_id - point.robot_id), 1.0
             push = cure / (gain * distance)
             d_x -= push * dx
             d_y -= push * dy
@@ -31,10 +33,19 @@ def keep_clear(motion: PredictedMotion, points: Iterable[Point], keep_m: float, 
     return Slope(cost, d_x, d_y, 0.0, 0.0, d_z)
 
 
-def encode_clear(points: Iterable[Point], keep_m: float, outlook: Outlook) -> Sequence[float]:
-    """The kernel's numbers: the distance, the position without action, and each point with its side."""
-    dims = outlook.preview.dims
+def encode_clear(points: Iterable[Neighbour], keep_m: float, outlook: Outlook) -> Sequence[float]:
+    """The kernel's numbers: the distance, the position without action, and each point.
+
+    A point is its position, and the direction along x in which to leave it if the positions coincide.
+    """
+    dims, own = outlook.preview.dims, outlook.robot_id
     numbers = [keep_m, *outlook.drift.position_m(dims)]
-    for x, y, z, side in points:
-        numbers += (x, y, side) if dims == 2 else (x, y, z, side)
+    for point in points:
+        side = math.copysign(1.0, own - point.robot_id)
+        numbers += (point.x, point.y, side) if dims == 2 else (point.x, point.y, point.z, side)
     return numbers
+
+
+def standing(x: float, y: float, z: float, outlook: Outlook) -> Neighbour:
+    """A point that is no robot; robots at it leave in the direction of x."""
+    return Neighbour(outlook.robot_id - 1, x, y, 0.0, 0.0, z)

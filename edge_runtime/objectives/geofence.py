@@ -6,7 +6,7 @@ from edge_runtime.messages import Place
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
-from edge_runtime.objectives.clearance import keep_clear
+from edge_runtime.objectives.clearance import keep_clear, standing
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
@@ -16,6 +16,7 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
     In space a centre of two components is that of an upright cylinder, one of three that of a ball.
     """
 
+    sees_team: ClassVar[bool] = False
     of: ClassVar[Quantity] = "position"
     look_ahead: int = 4
     centre_m: Place
@@ -33,7 +34,7 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
         x, y, *height = self.centre_m
-        centre = (x, y, height[0] if height else motion.z, 1.0)
+        centre = standing(x, y, height[0] if height else motion.z, outlook)
         return keep_clear(motion, (centre,), self.radius_m + self.buffer_m, outlook)
 
     def refuses(self, model: Model) -> str:

@@ -16,7 +16,7 @@ from edge_runtime.messages import RobotState, Teammate, TeamState, TrackedObject
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.motion.point import PointForce
-from edge_runtime.motion.prediction import PredictedMotion, pulled_back
+from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives import Objective
 
 OBSTACLES = 2
@@ -123,8 +123,9 @@ def compare_slope(objective: Objective, outlook: Outlook, action: Vector) -> tup
         GradientError: names the objective and the component that is wrong, or what it raised.
     """
     try:
-        motion, columns = outlook.forecast.at(action)
-        cost, *slope = objective.evaluate(motion, outlook)
+        motion, jacobian = outlook.forecast.at(action)
+        found = objective.evaluate(motion, outlook)
+        cost, *slope = found
         nothing = [0.0] * (len(motion) - len(slope))  # an objective of the plane may leave these out
         over_motion = _worst_error(
             objective,
@@ -135,7 +136,7 @@ def compare_slope(objective: Objective, outlook: Outlook, action: Vector) -> tup
         over_action = _worst_error(
             objective,
             lambda changed: objective.evaluate(outlook.forecast.at(changed)[0], outlook)[0],
-            (cost, action, pulled_back(columns, slope), names),
+            (cost, action, jacobian.pull_back(found), names),
         )
     except GradientError:
         raise

@@ -54,6 +54,8 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     kernel_term: ClassVar[str] = ""
     """The compiled kernel's name of this very cost, which then needs no Python in the loop; see `encode`. It
     counts only where the class itself states it: a subclass has a cost of its own."""
+    sees_team: ClassVar[bool] = True
+    """Whether it looks at `Outlook.neighbours`, which are left out otherwise; counts as ``kernel_term``."""
     of: ClassVar[Quantity] = ""
     """Of what its cost is, divided by the motion model's gain of it; empty for another cost."""
     weight: float = 1.0

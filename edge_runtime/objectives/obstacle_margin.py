@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from edge_runtime.motion.model import Model
-from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
-from edge_runtime.objectives.clearance import Point, encode_clear, keep_clear
+from edge_runtime.objectives.clearance import encode_clear, keep_clear, standing
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
@@ -18,6 +18,7 @@ class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"
     """
 
     kernel_term: ClassVar[str] = "safety_margin"
+    sees_team: ClassVar[bool] = False
     of: ClassVar[Quantity] = "position"
     look_ahead: int = 3
     distance_m: float
@@ -49,5 +50,5 @@ class ObstacleMargin(Objective, frozen=True, kw_only=True, tag="obstacle_margin"
             return "its range sensor sees in the plane only"
         return super().refuses(model)
 
-    def _points(self, outlook: Outlook) -> list[Point]:
-        return [(x, y, 0.0, 1.0) for x, y in outlook.obstacles]
+    def _points(self, outlook: Outlook) -> list[Neighbour]:
+        return [standing(x, y, 0.0, outlook) for x, y in outlook.obstacles]

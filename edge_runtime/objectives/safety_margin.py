@@ -1,12 +1,11 @@
 """Keep a distance from every neighbour."""
 
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
-from edge_runtime.objectives.clearance import Point, encode_clear, keep_clear
+from edge_runtime.objectives.clearance import encode_clear, keep_clear
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
@@ -28,15 +27,8 @@ class SafetyMargin(Objective, frozen=True, kw_only=True, tag="safety_margin"):
 
     def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
         """Cost and slope at one robot's predicted motion."""
-        return keep_clear(motion, self._mates(outlook), self.distance_m + self.buffer_m, outlook)
+        return keep_clear(motion, outlook.neighbours, self.distance_m + self.buffer_m, outlook)
 
     def encode(self, outlook: Outlook) -> Sequence[float]:
         """See `encode_clear`."""
-        return encode_clear(self._mates(outlook), self.distance_m + self.buffer_m, outlook)
-
-    def _mates(self, outlook: Outlook) -> list[Point]:
-        """Robots at one place part in the order of their numbers."""
-        own = outlook.robot_id
-        return [
-            (mate.x, mate.y, mate.z, math.copysign(1.0, own - mate.robot_id)) for mate in outlook.neighbours
-        ]
+        return encode_clear(outlook.neighbours, self.distance_m + self.buffer_m, outlook)

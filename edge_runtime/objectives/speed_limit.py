@@ -13,6 +13,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
     """Stay at or below a speed: J = 1/2 (excess / velocity gain)^2."""
 
     kernel_term: ClassVar[str] = "speed_limit"
+    sees_team: ClassVar[bool] = False
     of: ClassVar[Quantity] = "velocity"
     limit_m_s: float
     """The greatest speed that is asked for."""
@@ -41,5 +42,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
 
     def encode(self, outlook: Outlook) -> Sequence[float]:
         """The speed at which guidance starts, and the velocity without action."""
-        velocity = outlook.drift.velocity_m_s(outlook.preview.dims)
-        return self.limit_m_s - self.buffer_m_s, *velocity
+        drift, threshold = outlook.drift, self.limit_m_s - self.buffer_m_s
+        if outlook.preview.dims == 2:
+            return threshold, drift.vx, drift.vy
+        return threshold, drift.vx, drift.vy, drift.vz

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
-from edge_runtime.motion.outlook import Outlook
+from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
-from edge_runtime.objectives.clearance import Point, encode_clear, keep_clear
+from edge_runtime.objectives.clearance import encode_clear, keep_clear, standing
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
 
 
@@ -16,6 +16,7 @@ class TrackedMargin(Objective, frozen=True, kw_only=True, tag="tracked_margin"):
     """
 
     kernel_term: ClassVar[str] = "safety_margin"
+    sees_team: ClassVar[bool] = False
     of: ClassVar[Quantity] = "position"
     look_ahead: int = 3
     object: str
@@ -43,5 +44,6 @@ class TrackedMargin(Objective, frozen=True, kw_only=True, tag="tracked_margin"):
         """See `encode_clear`: to the kernel the object is a neighbour."""
         return encode_clear(self._points(outlook), self.distance_m + self.buffer_m, outlook)
 
-    def _points(self, outlook: Outlook) -> list[Point]:
-        return [(each.x, each.y, each.z, 1.0) for each in outlook.tracked if each.name == self.object]
+    def _points(self, outlook: Outlook) -> list[Neighbour]:
+        there = (each for each in outlook.tracked if each.name == self.object)
+        return [standing(each.x, each.y, each.z, outlook) for each in there]

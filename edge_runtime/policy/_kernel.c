@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
-#define INTERFACE 2
+#define INTERFACE 3
 
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
@@ -250,23 +250,23 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
     Py_RETURN_NONE;
 }
 
-/* Reads one term, (kind, factor, dims, count, gain, gains, numbers), from where *next points to, and has *next
+/* Reads one term, (kind, count, factor, dims, gain, gains, numbers), from where *next points to, and has *next
  * point behind it; false if there is none. */
 static bool read_term(const double **next, const double *end, int action_dim, Term *term)
 {
     const double *head = *next;
-    if (end - head < 5 || !(head[0] >= 0.0 && head[0] < KINDS && (head[2] == 2.0 || head[2] == 3.0)))
+    if (end - head < 5 || !(head[0] >= 0.0 && head[0] < KINDS && (head[3] == 2.0 || head[3] == 3.0)))
         return false;
-    const int dims = (int)head[2], first = 1 + dims, gains = dims * action_dim;
+    const int dims = (int)head[3], first = 1 + dims, gains = dims * action_dim;
     const Py_ssize_t left = end - head - 5 - gains;
-    if (!(head[3] >= first && head[3] <= (double)left))
+    if (!(head[1] >= first && head[1] <= (double)left))
         return false;
     *term = (Term){.kind = (Kind)head[0],
-                   .factor = head[1],
+                   .factor = head[2],
                    .dims = dims,
                    .gain = head[4],
                    .gains = head + 5,
-                   .count = (int)head[3],
+                   .count = (int)head[1],
                    .numbers = head + 5 + gains};
     const int each = kinds[term->kind].each, rest = term->count - first;
     if ((each == 0 ? rest : rest % (each + dims)) != 0)

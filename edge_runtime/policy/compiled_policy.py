@@ -18,7 +18,7 @@ from edge_runtime.messages import Vector
 from edge_runtime.policy.velocity_field import Sample, Sampler, Term
 from edge_runtime.policy.weights import FlowWeights
 
-INTERFACE: Final = 2
+INTERFACE: Final = 3
 """Of the kernel that this module was written for; see ``_kernel.c``."""
 
 
@@ -161,9 +161,9 @@ class CompiledPolicy:
             PolicyError: if the policy is for several robots, or the action is of another size.
         """
         flat: list[float] = []
-        for kind, factor, dims, gains, numbers in terms:
-            flat += (self._kinds[kind], factor, dims, len(numbers))
-            flat += gains
+        for kind, head, numbers in terms:
+            flat += (self._kinds[kind], len(numbers))
+            flat += head
             flat += numbers
         number = self._projections[projection]
         try:

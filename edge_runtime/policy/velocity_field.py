@@ -8,20 +8,13 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Array
 from edge_runtime.messages import Vector
 
+Term = tuple[str, Sequence[float], Sequence[float]]
+"""One cost of one tick, in plain numbers; who states it and what it is for, a policy need not know.
 
-class Term(NamedTuple):
-    """One cost of one tick, in plain numbers; who states it and what it is for, a policy need not know."""
-
-    kind: str
-    """One that the sampler knows."""
-    factor: float
-    """Weight of its gradient."""
-    dims: int
-    """Components of the position or velocity that the cost is of."""
-    gains: Sequence[float]
-    """(1 + dims d,): what the action adds to it, see `edge_runtime.motion.linear.constant_gains`."""
-    numbers: Sequence[float]
-    """All else that a cost of this kind depends on."""
+Its kind, one that the sampler knows; its head, the same in every tick: the weight of its gradient, the
+components, 2 or 3, of the position or velocity that it is of, and what the action adds to that, see
+`edge_runtime.motion.linear.constant_gains`; and all else that a cost of this kind depends on.
+"""
 
 
 class Sample(NamedTuple):

@@ -20,6 +20,7 @@ from edge_runtime.motion.models import (
     Unicycle,
     VelocityLag,
 )
+from edge_runtime.objectives import Slope
 
 steps_ahead = st.integers(1, 8)
 
@@ -149,7 +150,11 @@ def test_the_planar_shortcut_computes_the_same_bits(mass, drag, dt_s, substeps, 
     general = LinearPreview(position_gain, velocity_gain, 2, False, axes, planar.columns)
     _, state, action = data.draw(moving(st.just(model)))
     assert planar.predict(state, action) == general.predict(state, action)
-    assert planar.forecast(state).at(action) == general.forecast(state).at(action)
+    (found, jacobian), (expected, other) = (one.forecast(state).at(action) for one in (planar, general))
+    assert found == expected
+    slope = Slope(0.0, 0.3, -0.2, 1.5, 0.7)
+    assert jacobian.columns == other.columns
+    assert jacobian.pull_back(slope) == other.pull_back(slope)
     assert planar.forecast(state).at(action)[0] == planar.predict(state, action)
 
 

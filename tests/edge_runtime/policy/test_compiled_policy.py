@@ -245,7 +245,7 @@ def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, p
 
 
 def head(kind=0.0, count=3.0, dims=2.0):
-    return [kind, 1.0, dims, count, 1.0, 1.0, 0.0, 0.0, 1.0]
+    return [kind, count, 1.0, dims, 1.0, 1.0, 0.0, 0.0, 1.0]
 
 
 SPEED, MARGIN = [*head(), 0.2, 0.0, 0.0], [*head(1.0, 6.0), 0.2, 0.0, 0.0, 1.0, 0.0, 1.0]
