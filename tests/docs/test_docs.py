@@ -36,6 +36,16 @@ OWN = {
 }
 
 
+def test_every_extra_is_named_where_it_is_needed():
+    """By the command that installs it; those of developers are named in CONTRIBUTING.md."""
+    table = PYPROJECT.read_text().partition("[project.optional-dependencies]")[2].partition("\n[")[0]
+    offered = set(re.findall(r"^(\w+) = \[", table, re.MULTILINE)) - {"dev", "docs", "mutation", "test"}
+    named = re.findall(
+        r"pip install (?:-e )?'(?:cfpg-edge|\.)\[([\w,]+)\]'", "".join(map(Path.read_text, PAGES))
+    )
+    assert offered <= {extra for extras in named for extra in extras.split(",")}
+
+
 @pytest.mark.parametrize("line", OWN)
 def test_every_command_is_understood_by_its_program(line, monkeypatch):
     module, arguments = OWN[line]
