@@ -35,9 +35,11 @@ class VersionLedger:
         """
         newest = self._versions().get(name, 0)
         if version < newest and not allow_rollback:
+            received = self.path.with_suffix("")  # see `edge_runtime.team.handover`
+            handed = f"; what it was handed lies in {received}" if received.is_dir() else ""
             raise BundleError(
                 f"version {version} of policy {name!r} is older than version {newest}, which this robot has "
-                "run; --allow-rollback runs it all the same"
+                f"run{handed}; --allow-rollback runs it all the same"
             )
 
     def note(self, name: str, version: int) -> None:

@@ -1,6 +1,7 @@
 """Who vouches for a bundle: changed, unsigned, wrongly signed and older ones are refused; nothing moves."""
 
 import json
+import re
 import sys
 
 import msgspec
@@ -21,6 +22,7 @@ from edge_runtime.policy.signature import (
     sign,
     statement,
 )
+from edge_runtime.policy.version_ledger import VersionLedger
 from edge_runtime.run.edge_run import main
 
 nacl = pytest.importorskip("nacl.bindings")
@@ -39,8 +41,9 @@ def bundle(tmp_path):
 
 
 @pytest.fixture
-def fleet(tmp_path):
-    """A fleet that trusts one key."""
+def fleet(tmp_path, monkeypatch):
+    """A fleet that trusts one key, whose robots have run nothing yet."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     path = tmp_path / "team.toml"
     robot = "[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n"
     path.write_text(f'[team]\ntrusted_keys = ["{public(SEED)}"]\npolicy = "./straight"\n{robot}')
@@ -137,6 +140,17 @@ def test_a_robot_goes_back_behind_no_version_unless_told(bundle, fleet, capsys):
     assert run(fleet, capsys, "--dry-run")[0] == 0  # it drove nobody: 1 is still the newest that was run
     signed(bundle, 1)
     assert run(fleet, capsys)[0] == 0
+
+
+def test_who_starts_with_the_policy_before_is_told_where_the_handed_one_lies(bundle, fleet):
+    loaded = load_fleet(fleet)
+    signed(bundle, 2)
+    note_run(load_bundle(bundle), loaded, 0)
+    signed(bundle, 1)
+    received = VersionLedger(0).path.with_suffix("")
+    received.mkdir(exist_ok=True)
+    with pytest.raises(BundleError, match=re.escape(f"what it was handed lies in {received}")):
+        require_trusted(load_bundle(bundle), loaded, 0)
 
 
 def test_another_robot_of_the_same_machine_has_a_memory_of_its_own(bundle, fleet):
