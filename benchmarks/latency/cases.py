@@ -10,13 +10,19 @@ from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import TeamState
-from edge_runtime.motion.point import PointForce
+from edge_runtime.motion.model import Model
+from edge_runtime.motion.point import PointAcceleration, PointForce
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.policy.weights import Activation, FlowWeights
 from export.evaluation.outlook import MotionBatch, TeamBatch
 
 TIME_FEATURES = 16
-DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
+MODELS: dict[int, Model] = {
+    2: PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2),
+    3: PointAcceleration(drag=0.25, dt_s=0.1, substeps=2, angular=True),
+    4: PointAcceleration(drag=0.25, dt_s=0.1, substeps=2, dims=3, angular=True),
+}
+"""How robots of so many action components move: pushed in the plane, the paper's SE(2), and in space."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,6 +39,11 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     objectives: int = 2
     neighbours: int = 3
     batch: int = 1
+
+    @property
+    def model(self) -> Model:
+        """How the robots move."""
+        return MODELS[self.action_dim]
 
     def __str__(self) -> str:
         sizes = f"T={self.euler_steps} M={self.objectives} K={self.neighbours} batch={self.batch}"
@@ -58,7 +69,7 @@ class Workload:
     def make_guide(self) -> Guide:
         """The objectives made ready in the paper's mode, the one that all contenders can compute."""
         return make_guide(
-            ObjectiveSet(self.objectives, GuidanceSettings(mode="hierarchical", scale=0.5)), DYNAMICS
+            ObjectiveSet(self.objectives, GuidanceSettings(mode="hierarchical", scale=0.5)), self.case.model
         )
 
     def team_state(self) -> TeamState:
@@ -91,16 +102,19 @@ def random_weights(case: Case, seed: int = 0) -> FlowWeights:
 def workload(case: Case, seed: int = 0) -> Workload:
     """Draw a case: robots close together and fast, so that every objective steers in every step."""
     rng = np.random.default_rng(seed)
-    batch, mates = case.batch, (case.batch, case.neighbours, 2)
+    batch, dims = case.batch, case.model.dims
+    mates = (batch, case.neighbours, dims)
     objectives: list[Objective] = [SpeedLimit(limit_m_s=0.1)]
     objectives += [SafetyMargin(distance_m=0.8 + 0.1 * m) for m in range(1, case.objectives)]
     objectives = objectives[: case.objectives]
     team = TeamBatch(
         robot_id=np.zeros(batch, np.int64),
-        own=MotionBatch.of(0.2 * rng.standard_normal((batch, 2)), 0.5 * rng.standard_normal((batch, 2))),
+        own=MotionBatch.of(
+            0.2 * rng.standard_normal((batch, dims)), 0.5 * rng.standard_normal((batch, dims))
+        ),
         mate_id=np.broadcast_to(1 + np.arange(case.neighbours), mates[:2]),
         mates=MotionBatch.of(0.2 * rng.standard_normal(mates), 0.2 * rng.standard_normal(mates)),
-        mate_action=rng.standard_normal(mates),
+        mate_action=rng.standard_normal((*mates[:2], case.action_dim)),
     )
     return Workload(
         case=case,

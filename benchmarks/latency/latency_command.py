@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
-from benchmarks.latency import footprint, limit, loop, machine, paced
+from benchmarks.latency import actions, footprint, limit, loop, machine, paced
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, BudgetVerdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
@@ -32,6 +32,10 @@ def main(arguments: Sequence[str]) -> int:
         text, quiet = loop.measure(short=flags.short)
         print(text)
         return 0 if quiet else 3
+    if flags.actions:
+        for line in actions.lines(actions.measure()):
+            print(line)
+        return 0
     if flags.html:
         check_writable(flags.html)
     old = read_result(flags.compare, list[LatencyRow]) if flags.compare else []
@@ -50,6 +54,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = make_parser("latency", __doc__)
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
     parser.add_argument("--loop", action="store_true", help="the real loop from pose to command only")
+    parser.add_argument("--actions", action="store_true", help="two, three and four action components only")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="for the page and pictures")
