@@ -107,6 +107,12 @@ def _run(arguments: argparse.Namespace) -> str:
         return facts_template()
     if arguments.upgrade is not None:
         return upgrade_bundle(arguments.upgrade, _scenario_fields)
+    if arguments.calibration is not None and arguments.from_onnx is None and arguments.seen is None:
+        raise ConfigError("--calibration goes with --from-onnx or --seen: a run's policy is rolled out")
+    if arguments.seen is not None and (arguments.run or arguments.from_onnx or arguments.out):
+        raise ConfigError(
+            "--seen DIR changes a bundle that is there: it goes without RUN, --from-onnx and --out"
+        )
     if arguments.seen is not None:
         return tell_seen(arguments.seen, arguments.calibration)
     if arguments.out is None:

@@ -2,7 +2,7 @@
 
 import math
 
-from edge_runtime.messages import RobotState, TeamState
+from edge_runtime.messages import RobotState, TeamState, TrackedObject
 from edge_runtime.recording.events import unix_time
 from edge_runtime.recording.schema import Pose, PosesInFrame, Quaternion, Vector3
 
@@ -11,12 +11,13 @@ FRAME = "team"
 
 
 def team_poses(team: TeamState, time_ns: int) -> PosesInFrame:
-    """Return the own pose and the teammates' in one tick."""
-    states = (team.own, *(mate.state for mate in team.teammates))
+    """Return the own pose, the teammates' and the tracked objects' in one tick."""
+    mates = [mate.state for mate in team.teammates]
+    states: list[RobotState | TrackedObject] = [team.own, *mates, *team.tracked]
     return PosesInFrame(unix_time(time_ns), FRAME, tuple(map(_pose, states)))
 
 
-def _pose(state: RobotState) -> Pose:
+def _pose(state: RobotState | TrackedObject) -> Pose:
     x, y, *height = state.position_m
     half = 0.5 * state.heading_rad if math.isfinite(state.heading_rad) else math.nan
     return Pose(

@@ -60,6 +60,7 @@ def test_training_run(edge_export, training_run, tmp_path):
     assert 0 < reported_difference(output) < 1e-5
     bundle = load_bundle(tmp_path / "nav")
     assert (bundle.manifest.training.seed, bundle.manifest.training.score) == (3, 0.9)
+    assert all(field.seen for field in bundle.manifest.observation)
     assert (bundle.manifest.euler_steps, bundle.manifest.control_rate_hz) == (8, 10.0)
     action, tau, observation = torch.randn(5, 2), torch.rand(5, 1), torch.randn(5, 18)
     velocity, jacobian = autograd(network, action, tau, observation)
@@ -83,6 +84,7 @@ def test_foreign_graph(edge_export, facts, tmp_path, build, runtime):
     code, output, _ = edge_export("--from-onnx", graph, "--facts", facts, "--out", tmp_path / "mine")
     assert code == 0
     assert f"the robot computes it with {runtime}" in output
+    assert "what it saw in training is not known" in output
     bundle = load_bundle(tmp_path / "mine")
     assert (bundle.manifest.runtime, bundle.policy().backend) == (runtime, runtime)
     action, tau, observation = torch.randn(5, 2), torch.rand(5, 1), torch.randn(5, 7)
@@ -130,6 +132,8 @@ def test_mistakes_on_the_command_line(edge_export, training_run, facts, tmp_path
     assert "either a training run" in refused(edge_export, run, "--from-onnx", "x.onnx", "--out", out)
     assert "--from-onnx needs --facts FILE" in refused(edge_export, "--from-onnx", "x.onnx", "--out", out)
     assert "--facts goes with --from-onnx" in refused(edge_export, run, "--facts", facts, "--out", out)
+    assert "--calibration goes with" in refused(edge_export, run, "--calibration", "x.npz", "--out", out)
+    assert "--seen DIR changes a bundle" in refused(edge_export, "--seen", run, "--out", out)
     assert "name the --out directory of an edge-train run" in refused(edge_export, out, "--out", out)
     assert not out.exists()
 
@@ -168,3 +172,16 @@ def test_what_cannot_be_signed_is_not_exported(edge_export, training_run, tmp_pa
     code, _, complaint = edge_export(training_run[0], "--out", tmp_path / "nav", *flags)
     assert code == 2 and said in complaint
     assert not (tmp_path / "nav").exists()
+
+
+def test_a_graph_says_what_it_saw_by_a_calibration_file(edge_export, facts, tmp_path):
+    seen = np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32)
+    np.savez(tmp_path / "seen.npz", observation=seen)
+    graph = export(FlowNetwork(7, 2, (8, 8)), tmp_path / "net.onnx")
+    flags = ("--facts", facts, "--calibration", tmp_path / "seen.npz", "--out", tmp_path / "mine")
+    code, output, _ = edge_export("--from-onnx", graph, *flags)
+    assert code == 0
+    assert "not known" not in output
+    fields = load_bundle(tmp_path / "mine").manifest.observation
+    pairs = np.array([pair for field in fields for pair in field.seen])
+    np.testing.assert_array_equal(pairs.T, [seen.min(0), seen.max(0)])
