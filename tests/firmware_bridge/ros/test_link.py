@@ -291,3 +291,11 @@ def test_the_specification_names_client_profile_and_namespace(ros, client):
     assert isinstance(link._client, client)
     assert link._profile.command == "/a200_0000/cmd_vel"
     link._inbox.close()
+
+
+def test_a_policy_that_turns_its_robot_steers_no_point_ahead():
+    options = RosOptions(1, str(profile_path("husky_noetic")), turns=True)
+    raw = msgspec.Raw(msgspec.json.encode(options))
+    link = make_link(GuardSpec("ros1", 4, 0.1, SetpointLimits(1.0, (-1.0,) * 2, (1.0,) * 2), raw))
+    assert link._profile.base.sideways == "turn"
+    link._inbox.close()

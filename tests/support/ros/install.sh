@@ -13,6 +13,7 @@ skip() {
 }
 python=${PYTHON:-python3}
 packages="python3-rospy python3-rosmaster python3-geometry-msgs python3-nav-msgs python3-std-msgs
+    python3-diagnostic-msgs python3-visualization-msgs
     ros-geometry-msgs ros-nav-msgs ros-std-msgs iproute2"
 # shellcheck disable=SC2086 # one word each
 if ! dpkg-query --show $packages >/dev/null 2>&1; then
