@@ -69,6 +69,7 @@ def test_a_robot_without_ros_is_told_so_in_one_line(tmp_path, capsys):
     fleet = tmp_path / "alone.toml"
     fleet.write_text("[[robots]]\nid = 0\nstart_m = [0.0, 0.0]\ngoal_m = [3.0, 1.0]\n")
     flags = ["--robot-id", "0", "--rate", "50", "--fleet", str(fleet), "--policy", str(bundle)]
+    flags += ["--backend", "numpy"]
     ros = ["--bridge", "ros2", "--ros-profile", "generic", "--ros-path", str(tmp_path)]
     assert edge_run.main([*flags, *ros]) == 2
     error = capsys.readouterr().err
