@@ -21,6 +21,7 @@ class RosLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The most that the robot may be asked for, and how it brakes."""
 
     speed_m_s: float
+    """Greatest commanded speed; ``--max-speed`` may only be lower."""
     deceleration_m_s2: float | None = None
     """Of its own controller, told to stand; None where nobody says."""
 
@@ -63,6 +64,7 @@ class RosProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     recoveries: int = 3
     """How many times in one run stale odometry is answered by stopping and enabling again."""
     enable_timeout_s: float = 2.0
+    """How long fresh odometry and somebody who listens may take to come."""
 
     def __post_init__(self) -> None:
         names = (self.command, self.odometry, self.emergency_stop, self.timeout_parameter, *self.operators)

@@ -17,6 +17,7 @@ from edge_runtime.objectives import BUILT_IN
 from edge_runtime.observation import SOURCES
 from edge_runtime.recording.schema import CHANNELS
 from firmware_bridge.can.profile import Feedback, Profile
+from firmware_bridge.ros.profile import RosProfile
 from firmware_bridge.sil.scenario.faults import KINDS
 from firmware_bridge.sil.scenario.limits import MachineLimits, RunLimits
 
@@ -24,6 +25,7 @@ RECORDS = {
     "fleet-file": (Team, Robot, CarrierSettings, GuidanceSettings),
     "objectives": BUILT_IN,
     "profile-file": (Feedback, Profile),
+    "ros-profile-file": (RosProfile,),
     "sil-files": (*KINDS, RunLimits, MachineLimits),
     "sources": SOURCES,
     "log": [record for _, record in CHANNELS.values()],
