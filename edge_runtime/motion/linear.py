@@ -75,7 +75,19 @@ def preview_of(axes: Sequence[Axis], dims: int) -> Preview:
     alike = not others and decays == (y.velocity_decay, y.position_decay)
     if alike and columns == ((gains[0], 0.0, gains[1], 0.0), (0.0, gains[0], 0.0, gains[1])):
         return PlanarPreview(*gains, *decays, columns)
-    return LinearPreview(*gains, dims, bool(turn), tuple(axes), columns)
+    return LinearPreview(*gains, dims, bool(turn), tuple(axes), columns, _own(axes))
+
+
+def _own(axes: Sequence[Axis]) -> tuple[tuple[float, float, float, float], ...]:
+    """See `LinearPreview.own`."""
+    own = []
+    for place, axis in enumerate(axes):
+        for row in (axis.position_gain, axis.velocity_gain):
+            if len(row) != len(axes) or any(value for other, value in enumerate(row) if other != place):
+                return ()
+        gains = axis.position_gain[place], axis.velocity_gain[place]
+        own.append((axis.position_decay, axis.velocity_decay, *gains))
+    return tuple(own)
 
 
 def _greatest(rows: Sequence[Row]) -> float:
@@ -108,25 +120,43 @@ class LinearPreview(msgspec.Struct, frozen=True, gc=False):
     turns: bool
     axes: tuple[Axis, ...]
     columns: Columns
+    own: tuple[tuple[float, float, float, float], ...] = ()
+    """Decays of position and velocity, and gains of both, of each axis, where each action component acts on
+    the axis at its place alone; else empty."""
 
     def forecast(self, state: RobotState) -> "LinearForecast":
         """See `Preview.forecast`."""
-        position, velocity = [*state.position_m], [*state.velocity_m_s]
-        if self.turns:
-            position.append(state.heading_rad)
-            velocity.append(state.yaw_rate_rad_s)
         moved = [
             (place + axis.position_decay * speed, axis.velocity_decay * speed)
-            for axis, place, speed in zip(self.axes, position, velocity, strict=True)
+            for axis, place, speed in zip(self.axes, *self._state(state), strict=True)
         ]
-        (x, vx), (y, vy) = moved[:2]
-        z, vz = moved[2] if self.dims == 3 else (0.0, 0.0)
-        heading, yaw_rate = moved[-1] if self.turns else (0.0, 0.0)
-        return LinearForecast(PredictedMotion(x, y, vx, vy, z, vz, heading, yaw_rate), self)
+        return LinearForecast(self._arranged(moved), self)
 
     def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
         """See `Preview.predict`."""
-        return self.forecast(state).at(action)[0]
+        if not self.own:
+            return self.forecast(state).at(action)[0]
+        return self._arranged(
+            [
+                (place + reach * speed + shift * u, keep * speed + push * u)
+                for (reach, keep, shift, push), place, speed, u in zip(
+                    self.own, *self._state(state), action, strict=True
+                )
+            ]
+        )
+
+    def _state(self, state: RobotState) -> tuple[Row, Row]:
+        """Where the axes are, and how fast they move."""
+        if not self.turns:
+            return state.position_m, state.velocity_m_s
+        return (*state.position_m, state.heading_rad), (*state.velocity_m_s, state.yaw_rate_rad_s)
+
+    def _arranged(self, moved: Sequence[tuple[float, float]]) -> PredictedMotion:
+        """The motion of which ``moved`` are places and speeds, axis by axis."""
+        (x, vx), (y, vy), *_ = moved
+        z, vz = moved[2] if self.dims == 3 else (0.0, 0.0)
+        heading, yaw_rate = moved[-1] if self.turns else (0.0, 0.0)
+        return _new(PredictedMotion, (x, y, vx, vy, z, vz, heading, yaw_rate))
 
     def pull_back(self, slope: Sequence[float]) -> Row:
         """See `Jacobian.pull_back`."""
