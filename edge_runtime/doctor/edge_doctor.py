@@ -22,7 +22,8 @@ from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.recording.flags import make_log_plan
 from edge_runtime.run.bridges import BRIDGES
 from edge_runtime.run.console import use_colour
-from edge_runtime.run.flags import make_mission, make_parser, read_flags
+from edge_runtime.run.flags import make_mission, read_flags
+from edge_runtime.run.flags import make_parser as make_run_parser
 
 DESCRIPTION: Final = """\
 Check everything that edge-run with the same flags rests on: policy, machine, team, bus and firmware.
@@ -97,9 +98,9 @@ def show(findings: Iterable[Finding], *, colour: bool) -> bool:
     return failures == 0
 
 
-def make_doctor_parser() -> CommandParser:
+def make_parser() -> CommandParser:
     """The command line of edge-run, and the doctor's own flag."""
-    parser = make_parser(robot_required=False)
+    parser = make_run_parser(robot_required=False)
     parser.prog, parser.description, parser.epilog = "edge-doctor", DESCRIPTION, EPILOG
     parser.add_argument(
         "--whole-fleet",
@@ -112,7 +113,7 @@ def make_doctor_parser() -> CommandParser:
 @command("edge-doctor")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-doctor``; returns the exit code."""
-    flags, link = read_flags(arguments, make_doctor_parser())
+    flags, link = read_flags(arguments, make_parser())
     if flags.whole_fleet == (flags.robot_id is not None):
         raise ConfigError("one of --robot-id and --whole-fleet is needed; see edge-doctor --help")
     findings = examine_fleet(flags) if flags.whole_fleet else examine_all(flags, link.options_from(flags))
