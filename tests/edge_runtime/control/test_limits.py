@@ -6,10 +6,12 @@ import pytest
 from bundles import MANIFEST
 from hypothesis import given
 from hypothesis import strategies as st
+from motion_models import moving
 from msgspec.structs import replace
 
-from edge_runtime.control.limits import RobotLimits, first_command, limited
+from edge_runtime.control.limits import RobotLimits, first_command, limited, robot_limits
 from edge_runtime.messages import Command, GuidedAction, RobotState, Teammate, TeamState
+from edge_runtime.policy.manifest import ActionField
 
 LIMITS = RobotLimits(
     low=(-1.0, -0.5),
@@ -89,3 +91,47 @@ def test_a_view_that_is_at_fault_stops():
     team = TeamState(OWN, fault="no teammate was heard for 1 s")
     command = limited(GuidedAction((1.0, 1.0), 10), team, BEFORE, LIMITS, 10.0)
     assert zero_because(command) == "no teammate was heard for 1 s"
+
+
+@given(moving(), st.floats(0.01, 5.0), st.floats(0.0, 2.0))
+def test_commands_of_every_body_have_its_components_within_its_limits(case, fastest, turning):
+    model, own, action = case
+    action = tuple(min(max(value, -1.0), 2.0) for value in action)
+    manifest = replace(
+        MANIFEST,
+        motion=model,
+        action=tuple(ActionField("a", "1", -1.0, 2.0) for _ in range(model.action_dim)),
+    )
+    limits = robot_limits(
+        manifest,
+        model.dt_s,
+        max_step=math.inf,
+        max_state_age_s=1.0,
+        max_speed_m_s=fastest,
+        max_unfamiliar_s=math.inf,
+        max_yaw_rate_rad_s=turning,
+    )
+    before = first_command(0, model.action_dim, model.dims)
+    command = limited(GuidedAction(action, 10), TeamState(own), before, limits, own.stamp_s)
+    assert not command.stop_reason
+    assert command.action == pytest.approx(action)
+    expected = model.predict(own, action)
+    assert math.hypot(*command.velocity_m_s) <= fastest * (1 + 1e-9)
+    if math.hypot(*expected.velocity_m_s(model.dims)) <= fastest:
+        assert command.velocity_m_s == pytest.approx(expected.velocity_m_s(model.dims))
+    assert command.yaw_rate_rad_s == pytest.approx(min(max(expected.yaw_rate, -turning), turning))
+    stopped = limited(GuidedAction(action, 0, fault="no"), TeamState(own), command, limits, own.stamp_s)
+    assert (len(stopped.action), len(stopped.velocity_m_s)) == (model.action_dim, model.dims)
+    assert not any((*stopped.action, *stopped.velocity_m_s, stopped.yaw_rate_rad_s))
+
+
+def test_states_of_another_space_and_actions_of_another_body_stop():
+    flying = RobotState(3, 10.0, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    command = limited(GuidedAction((1.0, 1.0), 10), TeamState(flying), BEFORE, LIMITS, 10.0)
+    assert zero_because(command) == "the robot's own position has 3 components, its policy needs 2"
+    for mate in (Teammate(replace(flying, robot_id=1)), Teammate(replace(OWN, robot_id=1), (0.0,) * 3)):
+        command = limited(GuidedAction((1.0, 1.0), 10), TeamState(OWN, (mate,)), BEFORE, LIMITS, 10.0)
+        assert zero_because(command) == "robot 1 moves or acts in other dimensions: it runs another policy"
+    spinning = replace(OWN, yaw_rate_rad_s=math.nan)
+    command = limited(GuidedAction((1.0, 1.0), 10), TeamState(spinning), BEFORE, LIMITS, 10.0)
+    assert "not finite" in zero_because(command)

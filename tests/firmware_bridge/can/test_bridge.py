@@ -21,17 +21,17 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.messages import Command
 from edge_runtime.motion.body import Body
-from edge_runtime.motion.models import PointForce
+from edge_runtime.motion.models import PointAcceleration, PointForce, Unicycle
 from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.manifest import BUNDLE_FORMAT, ActionField, Manifest
 from firmware_bridge.can.bridge import add_arguments, make_spec, open_bridge, options_from
 from firmware_bridge.can.feedback import PlanarPose
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.limo import FrameReader, frame_bytes
-from firmware_bridge.can.link import CanOptions
+from firmware_bridge.can.link import CanOptions, make_link
 from firmware_bridge.can.profile import PROFILES, load_profile
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.link import SetpointLimits
+from firmware_bridge.guard.link import Setpoint, SetpointLimits
 
 ACTION = (ActionField("x", "N", -1.0, 1.0), ActionField("y", "N", -2.0, 0.5))
 MANIFEST = Manifest(
@@ -59,6 +59,35 @@ def parsed(*flags):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     return options_from(parser.parse_args(["--bus", "can0", "--profile", "agilex_v2", *flags]))
+
+
+def test_a_unicycle_policy_steers_a_differential_base_by_its_yaw_rate():
+    action = (ActionField("v", "m/s", 0.0, 0.6), ActionField("omega", "rad/s", -2.5, 2.5))
+    manifest = msgspec.structs.replace(MANIFEST, motion=Unicycle(0.1), action=action)
+    spec = make_spec(2, manifest, parsed(), 20.0)
+    assert msgspec.json.decode(spec.options, type=CanOptions).turns
+    limits = spec.limits
+    assert (limits.low, limits.high, limits.dims) == ((0.0, -2.5), (0.6, 2.5), 2)
+    assert 0.0 < limits.yaw_rate_rad_s <= 20.0
+    link = make_link(spec)
+    motion = link._motion(Setpoint(0, 0.0, (0.5, 1.0), (0.5, 0.02), 1.0))
+    assert (motion.forward_m_s, motion.lateral_m_s) == (pytest.approx(0.5, abs=1e-3), 0.0)
+    assert motion.yaw_rad_s == 1.0
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        (PointAcceleration(0.1, angular=True), "the differential base of .*agilex_v2.toml cannot: it takes"),
+        (
+            PointAcceleration(0.1, dims=3),
+            "the differential base of .*agilex_v2.toml moves in the plane alone",
+        ),
+    ],
+)
+def test_what_a_base_cannot_follow_is_refused_at_the_start(motion, said):
+    with pytest.raises(ConfigError, match=said):
+        make_spec(2, msgspec.structs.replace(MANIFEST, motion=motion), parsed(), 20.0)
 
 
 def specification(*flags, rate_hz=20.0):

@@ -111,3 +111,19 @@ def test_a_port_that_does_not_exist_stops_the_start():
         make_bridge("--mavlink", "serial:/dev/nowhere:57600"),
     ):
         pass
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot_copter"])
+def test_what_flies_takes_policies_in_space(autopilot):
+    motion = PointForce(1.0, 0.0, 0.1, dims=3)
+    action = tuple(ActionField(axis, "N", -1.0, 1.0) for axis in "xyz")
+    manifest = msgspec.structs.replace(bundles.MANIFEST, motion=motion, action=action)
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    flags = ["--mavlink", "udpin:127.0.0.1:14550", "--mavlink-autopilot", autopilot]
+    spec = make_spec(3, manifest, options_from(parser.parse_args(flags)), 50.0)
+    assert (len(spec.limits.low), spec.limits.dims, spec.limits.yaw_rate_rad_s) == (3, 3, 0.0)
+    assert msgspec.json.decode(spec.options, type=MavlinkOptions).motion == motion.at_period(0.02)
+    rover = options_from(parser.parse_args([*flags[:3], "ardupilot_rover"]))
+    with pytest.raises(ConfigError, match="ardupilot_rover moves in the plane alone"):
+        make_spec(3, manifest, rover, 50.0)

@@ -5,7 +5,7 @@ import io
 import json
 
 import foreign_logs
-from logs import record
+from logs import in_space, record
 from mcap.writer import CompressionType
 
 from edge_runtime.tools.replay.edge_replay import main as replay
@@ -18,11 +18,13 @@ METHODS = [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4]
 def prepare(folder):
     with contextlib.redirect_stdout(io.StringIO()):
         (log,) = record(folder, "--duration", "0.2", "--backend", "numpy")
-    return folder, log.read_bytes(), foreign_logs.messages_of(log)
+    flying = in_space(log, folder / "space.mcap")
+    return folder, [(path.read_bytes(), foreign_logs.messages_of(path)) for path in (log, flying)]
 
 
 def attempt(draw, given):
-    folder, content, messages = given
+    folder, logs = given
+    content, messages = draw.choice(logs)
     path = folder / "case.mcap"
     match draw.randrange(6):
         case 0:
