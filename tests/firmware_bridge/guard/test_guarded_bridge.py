@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from guard_fakes import spec
+from msgspec.structs import replace
 from waiting import HANG_S
 
 import firmware_bridge.guard.guarded_bridge as bridge_module
@@ -88,6 +89,17 @@ def test_states_and_counts_come_back(bridge, guard):
     assert bridge.reaction == Reaction(spec().deadline_s, 0.5, None)
     assert bridge.counts == Counts(6, 2, 3, 4, 5)
     assert bridge.phase is Phase.DRIVING
+
+
+def test_the_stamps_of_new_states_are_told_once_each(bridge, guard):
+    poses = bridge.poses
+    assert poses.fileno() == bridge._socket.fileno()
+    assert poses.new_poses() == ()
+    for stamp_s in (STATE.stamp_s, STATE.stamp_s, STATE.stamp_s + 0.5):
+        guard.tell(Report(Phase.DRIVING, Counts(), replace(STATE, stamp_s=stamp_s)))
+    assert poses.new_poses() == (STATE.stamp_s, STATE.stamp_s + 0.5)
+    assert poses.new_poses() == ()
+    assert bridge.read().stamp_s == STATE.stamp_s + 0.5
 
 
 @pytest.mark.parametrize(
