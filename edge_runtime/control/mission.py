@@ -14,7 +14,7 @@ from edge_runtime.config.objectives import parse_objective_set
 from edge_runtime.control.controller import Controller
 from edge_runtime.control.limits import RobotLimits, robot_limits
 from edge_runtime.errors import ConfigError
-from edge_runtime.guidance.guide import Guide, guide_for
+from edge_runtime.guidance.guide import Guide, check_objectives, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import GoalOffset, Sensor, Source, Tracked, TrackedGoalOffset
@@ -72,6 +72,8 @@ class Mission:
         self._check_goals()
         self._check_obstacles()
         self._check_sight(self.objective_set)
+        if self.guided:
+            check_objectives(self.objective_set, self.bundle.manifest.motion, f"{self.bundle.directory}: ")
         self._check_familiarity()
         self._check_sources()
         self._observer(self.fleet.robot(self.robot_id))  # which own sources may refuse

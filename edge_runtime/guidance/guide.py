@@ -115,8 +115,13 @@ def make_guide(
     )
 
 
-def check_objectives(asked: ObjectiveSet, model: Model) -> None:
+def check_objectives(asked: ObjectiveSet, model: Model, source: str = "") -> None:
     """Refuse objectives that cannot be asked of a robot that moves so.
+
+    Args:
+        asked: the objectives.
+        model: how the robot moves.
+        source: what says so, for the error.
 
     Raises:
         ConfigError: names the objective, the motion model and why.
@@ -125,7 +130,7 @@ def check_objectives(asked: ObjectiveSet, model: Model) -> None:
         if reason := objective.refuses(model):
             space = " in space" if model.dims == 3 else ""
             raise ConfigError(
-                f"objectives[{index}]: {objective.name} cannot be used with motion model "
+                f"{source}objectives[{index}]: {objective.name} cannot be used with motion model "
                 f"{model.kind!r}{space}: {reason}"
             )
 
