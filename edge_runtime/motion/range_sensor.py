@@ -1,12 +1,13 @@
 """A robot's range sensor: what it reads of discs, and what in its readings is no teammate.
 
-Rays point along fixed directions of the team's frame and start at the robot's centre. Readings of discs are
-those of VMAS 1.5.2: a disc counts only if its centre lies ahead; the reading is the first crossing with its
-rim, below zero where the ray starts inside the disc, and never above the sensor's range.
+Rays lie in the plane, point along fixed directions of the team's frame and start at the robot's centre.
+Readings of discs are those of VMAS 1.5.2: a disc counts only if its centre lies ahead; the reading is
+the first crossing with its rim, below zero where the ray starts inside the disc, and never above the
+sensor's range.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import msgspec
@@ -42,12 +43,20 @@ class RangeSensor(msgspec.Struct, frozen=True, gc=False):
         """Return what the team's view holds of real readings, in m; else those of the teammates' discs."""
         if team.ranges_m is None:
             mates = (mate.state.position_m for mate in team.teammates + team.silent)
-            return self.readings(team.own.position_m, ((x, y, self.radius_m) for x, y in mates))
+            return self.readings(team.own.position_m, self.discs(team.own.position_m, mates))
         if len(team.ranges_m) != len(self.rays):
             raise PolicyError(
                 f"got {len(team.ranges_m)} ranges, the policy's sensor has {len(self.rays)} rays"
             )
         return team.ranges_m
+
+    def discs(self, origin: Vector, places: Iterable[Vector]) -> Iterator[Disc]:
+        """Yield robots' discs; in space, what a plane at the origin's height cuts of their balls."""
+        for x, y, *height in places:
+            radius = self.radius_m
+            if height:
+                radius = math.sqrt(max(0.0, radius * radius - (height[0] - origin[2]) ** 2))
+            yield x, y, radius
 
     def readings(self, origin: Vector, discs: Iterable[Disc]) -> list[float]:
         """Compute readings in m, from the robot's centre: see the module's text."""
@@ -72,7 +81,7 @@ class RangeSensor(msgspec.Struct, frozen=True, gc=False):
         """
         if team.ranges_m is None:
             return ()
-        x, y = team.own.position_m
+        x, y, *_ = team.own.position_m
         mates = team.teammates + team.silent
         kept: list[Vector2] = []
         points: list[Vector2] = []
@@ -89,4 +98,4 @@ class RangeSensor(msgspec.Struct, frozen=True, gc=False):
 
     def _explains(self, mate: Teammate, point: Vector2) -> bool:
         moved = math.hypot(*mate.state.velocity_m_s) * mate.age_s
-        return math.dist(point, mate.state.position_m) <= self.radius_m + EXPLAINED_M + moved
+        return math.dist(point, mate.state.position_m[:2]) <= self.radius_m + EXPLAINED_M + moved

@@ -132,10 +132,9 @@ class SimBridge(Closing):
     def _ranges(self, robot_id: int) -> tuple[float, ...] | None:
         if self._sensor is None:
             return None
-        places = (mate.state.position_m for mate in self._others(robot_id))
-        mates = [(x, y, self.plant.radius_m) for x, y, *_ in places]
-        discs = [*mates, *self.plant.obstacles()]
-        return tuple(self._sensor.readings(self._team[robot_id].state.position_m, discs))
+        own = self._team[robot_id].state.position_m
+        mates = self._sensor.discs(own, (mate.state.position_m for mate in self._others(robot_id)))
+        return tuple(self._sensor.readings(own, [*mates, *self.plant.obstacles()]))
 
 
 class SimFlags(msgspec.Struct, frozen=True):

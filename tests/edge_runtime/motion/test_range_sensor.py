@@ -81,6 +81,17 @@ def test_computed_ranges_show_no_obstacles_and_a_wrong_number_of_readings_is_ref
         MANY.obstacles(replace(team, ranges_m=(0.1,) * 3))
 
 
+def test_in_space_the_rays_see_what_a_plane_at_the_robots_height_cuts_of_the_others():
+    own = state(0, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    for above, cut in ((0.0, RADIUS_M), (0.6 * RADIUS_M, 0.8 * RADIUS_M), (1.1 * RADIUS_M, 0.0)):
+        mate = Teammate(state(1, (0.5, 0.0, 1.0 + above), (0.0, 0.0, 0.0)))
+        first = MANY.read(TeamState(own, (mate,)))[0]
+        assert first == pytest.approx(0.5 - cut if cut else MANY.range_m)
+    real = TeamState(own, (mate,), ranges_m=(0.5, *(1.0,) * 359))
+    assert MANY.obstacles(replace(real, teammates=())) == ((0.5, 0.0),)
+    assert MANY.obstacles(real) == ()
+
+
 def test_a_reading_below_zero_is_at_the_robot():
     readings = (-0.05, *(1.0,) * 359)
     assert MANY.obstacles(TeamState(state(0, (0.2, 0.1)), ranges_m=readings)) == ((0.2, 0.1),)
