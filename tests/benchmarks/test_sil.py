@@ -64,7 +64,7 @@ def missing(name, *robots, **changes):
         (
             "objective swap under way",
             {"objective_changes_s": ((2.0, 1),)},
-            {"objective_changes_s": ((2.03, 1),)},
+            {"objective_changes_s": ((2.04, 1),)},
         ),
     ],
 )
