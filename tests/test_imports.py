@@ -39,7 +39,8 @@ export.algorithms export.onnx export.scenarios
 export.training
 export
 benchmarks.common
-benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording benchmarks.sil
+benchmarks.sil
+benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording
 benchmarks.paper.ablation benchmarks.paper.modes
 benchmarks
 """

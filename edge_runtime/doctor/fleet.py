@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Final
 
-from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.keys import operator_key
 from edge_runtime.config.network import endpoint
 from edge_runtime.control.doubts import doubts
 from edge_runtime.doctor.finding import Finding, examine, fail, ok, warn
 from edge_runtime.errors import ConfigError
 from edge_runtime.network.order_wire import Standing
-from edge_runtime.run.flags import make_mission
+from edge_runtime.run.flags import make_mission, named_fleet
 from edge_runtime.tools.ctl.operator_link import OperatorLink
 
 ANSWER_S: Final = 1.0
@@ -25,7 +25,7 @@ def examine_fleet(flags: argparse.Namespace) -> Iterator[Finding]:
     Raises:
         ConfigError: if the fleet file does not hold together.
     """
-    return _examine(flags, load_fleet(flags.fleet))
+    return _examine(flags, named_fleet(flags))
 
 
 def _examine(flags: argparse.Namespace, fleet: Fleet) -> Iterator[Finding]:

@@ -167,13 +167,22 @@ def read_flags(
     return parser.parse_args(arguments), link
 
 
+def named_fleet(flags: argparse.Namespace) -> Fleet:
+    """Read the fleet file that the flags name: one of the user's, or a packaged task's.
+
+    Raises:
+        ConfigError: if it does not hold together.
+    """
+    return load_fleet(FLEETS / f"{flags.task}.toml" if flags.task else flags.fleet)
+
+
 def make_mission(flags: argparse.Namespace) -> Mission:
     """Read and check every file that the flags name.
 
     Raises:
         EdgeError: one line that says what does not hold together.
     """
-    fleet = load_fleet(FLEETS / f"{flags.task}.toml" if flags.task else flags.fleet)
+    fleet = named_fleet(flags)
     objective_set = load_objective_set(flags.objectives) if flags.objectives else fleet.objective_set
     robot = fleet.robot(flags.robot_id)
     bundle = load_bundle(located(str(flags.policy))) if flags.policy else _fleet_bundle(fleet, robot)

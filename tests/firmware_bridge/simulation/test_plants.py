@@ -7,6 +7,7 @@ import pytest
 from clocks import simulated_time
 
 from edge_runtime.config.fleet import FLEETS, TASKS, load_fleet
+from edge_runtime.doctor.edge_doctor import main as edge_doctor
 from edge_runtime.messages import Command, TeamState
 from edge_runtime.run.edge_run import main as edge_run
 from edge_runtime.run.flags import make_mission, make_parser
@@ -152,3 +153,9 @@ def test_a_robots_small_install_is_told_what_a_plant_needs(monkeypatch, capsys):
 def test_every_task_has_a_fleet_and_every_plant_a_module():
     assert {task: load_fleet(FLEETS / f"{task}.toml").simulation.plant for task in TASKS} == OF_TASK
     assert set(OF_TASK.values()) <= set(PLANTS)
+
+
+def test_the_doctor_looks_at_the_task_that_is_named(capsys):
+    assert edge_doctor(["--whole-fleet", "--task", "sampling"]) == 0
+    told = capsys.readouterr().out
+    assert [f"robot {robot}" in told for robot in range(4)] == [True, True, True, False]
