@@ -29,6 +29,8 @@ MODULES: Final = (
 WATCH_S: Final = 0.25
 ANSWER_S: Final = 3.0
 """For the controller to tell its timeout."""
+TURN_S: Final = 0.1
+"""Longest wait of the executor's thread: an executor that is shut down as it begins to wait never wakes."""
 ASK_AGAIN_S: Final = 0.01
 NAMING_S: Final = 1.0
 UNNAMED: Final = "a node without a name"
@@ -54,6 +56,7 @@ class Ros2Client:
         self._profile, self._folders, self._put = profile, folders, put
         self._node: Any = None
         self._commands: Any = None
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
 
     def connect(self) -> None:
@@ -171,11 +174,12 @@ class Ros2Client:
 
     def close(self) -> None:
         """End the executor's thread before its node: rclpy aborts the process otherwise."""
+        self._closing.set()
         if self._node is None:
             return
         with self._told():
-            self._executor.shutdown()
             self._thread.join()
+            self._executor.shutdown()
             self._node.destroy_node()
             self._rclpy.shutdown(context=self._context)
 
@@ -195,7 +199,8 @@ class Ros2Client:
     def _spin(self) -> None:
         try:
             with self._told():
-                self._executor.spin()
+                while not self._closing.is_set():
+                    self._executor.spin_once(timeout_sec=TURN_S)
         except BridgeError as error:
             self._put(Trouble(str(error)))
 

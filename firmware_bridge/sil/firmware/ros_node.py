@@ -21,6 +21,8 @@ from firmware_bridge.ros.profile import RosProfile, load_profile
 from firmware_bridge.sil.firmware.world import BaseState
 
 PACKET_BYTES = 1024
+TURN_S = 0.1
+"""Longest wait of an executor's thread."""
 
 
 class NodeTask(msgspec.Struct, frozen=True):
@@ -107,7 +109,8 @@ class Ros2Node:
         self._speaker = self._node.create_publisher(nav.Odometry, profile.odometry, 10)
         self._executor = executors.SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._executor.spin)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._spin)
         self._thread.start()
 
     def publish(self, state: BaseState) -> None:
@@ -118,10 +121,15 @@ class Ros2Node:
 
     def close(self) -> None:
         """Leave ROS; the thread ends first."""
-        self._executor.shutdown()
+        self._closing.set()
         self._thread.join()
+        self._executor.shutdown()
         self._node.destroy_node()
         self._rclpy.try_shutdown()
+
+    def _spin(self) -> None:
+        while not self._closing.is_set():
+            self._executor.spin_once(timeout_sec=TURN_S)
 
 
 def serve(task: NodeTask, link: socket.socket) -> None:

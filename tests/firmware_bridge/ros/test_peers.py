@@ -86,7 +86,7 @@ def test_a_subscriber_whose_quality_of_service_differs_is_told(monkeypatch):
 def test_an_executor_that_ends_is_told():
     heard = []
     client = make_client(load_profile(profile_path("generic")).under(""), "", 0, (), heard.append)
-    client._executor = SimpleNamespace(spin=lambda: 1 / 0)
+    client._executor = SimpleNamespace(spin_once=lambda **_: 1 / 0)
     client._spin()
     assert heard == [Trouble("ROS 2 failed (domain 0): division by zero")]
 

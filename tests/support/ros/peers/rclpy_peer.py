@@ -1,6 +1,5 @@
 """A robot by rclpy; see stage.py."""
 
-import contextlib
 import json
 import sys
 import threading
@@ -8,7 +7,7 @@ import threading
 import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from stage import Stage
 from std_msgs.msg import Bool
@@ -38,12 +37,13 @@ class Peer:
         self.rivals = []
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(node)
+        self.closing = threading.Event()
         self.thread = threading.Thread(target=self.spin)
         self.thread.start()
 
     def spin(self):
-        with contextlib.suppress(ExternalShutdownException):
-            self.executor.spin()
+        while not self.closing.is_set():
+            self.executor.spin_once(timeout_sec=0.1)
 
     def hear(self, message):
         stamped = self.kind is TwistStamped
@@ -72,8 +72,9 @@ class Peer:
         self.node.create_timer(1.0, lambda: self.rivals[-1].publish(self.kind()))
 
     def close(self):
-        self.executor.shutdown()
+        self.closing.set()
         self.thread.join()
+        self.executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
 
