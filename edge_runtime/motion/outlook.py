@@ -78,7 +78,7 @@ def look_ahead(
         new(Neighbour, (mate.state.robot_id, *predict(mate.state, mate.intended_action)))
         for mate in (team.teammates + team.silent if sees_team else ())
     ]
-    tracked = tuple([_later(each, horizon_s) for each in team.tracked])
+    tracked = tuple([_later(each, horizon_s) for each in team.tracked]) if team.tracked else ()
     return Outlook(own.robot_id, preview, preview.forecast(own), tuple(neighbours), obstacles, tracked)
 
 
