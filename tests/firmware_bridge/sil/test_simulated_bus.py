@@ -28,7 +28,7 @@ def alone(tmp_path):
 
 def test_edge_run_drives_it_through_its_guard(alone, tmp_path):
     report = tmp_path / "run.json"
-    flags = [*FLAGS, *alone, "--profile", "agilex_v2", "--guard-deadline", "1", "--arm", "--duration", "1"]
+    flags = [*FLAGS, *alone, "--profile", "agilex_v2", "--guard-deadline", "1", "--arm", "--duration", "4"]
     assert edge_run.main([*flags, "--json", str(report)]) == 0
     written = json.loads(report.read_text())
     assert (written["bridge"], written["failed"]) == ("can", False)
