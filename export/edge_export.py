@@ -91,8 +91,8 @@ def tell_seen(directory: Path, calibration: Path | None) -> str:
     bundle = load_bundle(directory)
     size = bundle.manifest.observation_dim
     extremes = roll_out(bundle) if calibration is None else read_calibration(calibration, size)
-    replace_manifest(bundle, with_seen(bundle.manifest, extremes))
-    return f"{directory}: what the policy saw is written into its manifest"
+    again = replace_manifest(bundle, with_seen(bundle.manifest, extremes))
+    return f"{directory}: what the policy saw is written into its manifest{again}"
 
 
 @command("edge-export")

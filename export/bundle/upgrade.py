@@ -32,25 +32,28 @@ def upgrade_bundle(directory: Path, fields_of: Callable[[Training], tuple[Observ
     bundle = load_bundle(directory)
     if BUNDLE_FORMAT.encode() in read_regular(directory / MANIFEST_FILE, LARGEST_MANIFEST):
         raise ConfigError(f"{directory}: is of format {BUNDLE_FORMAT} already")
-    signed = (directory / SIGNATURE_FILE).exists()
-    replace_manifest(bundle, _with_sources(bundle.manifest, fields_of))
-    told = f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same"
-    return f"{told}; its signature was of the old one: sign it again with --sign" if signed else told
+    again = replace_manifest(bundle, _with_sources(bundle.manifest, fields_of))
+    return f"{directory}: manifest written anew in {BUNDLE_FORMAT}, the policy is the same" + again
 
 
-def replace_manifest(bundle: Bundle, manifest: Manifest) -> None:
+def replace_manifest(bundle: Bundle, manifest: Manifest) -> str:
     """Give a bundle a manifest that supersedes its own; what does not load is not written.
+
+    Returns:
+        What is left to do, to be said after what was done; empty if nothing is.
 
     Raises:
         BundleError: if no robot could run it.
         ConfigError: if it cannot be written.
     """
     directory, earlier = bundle.directory, (*bundle.manifest.supersedes, bundle.sha256)
+    signed = (directory / SIGNATURE_FILE).exists()
     with bundle_draft(directory, force=True) as draft:
         for file in manifest.files:
             shutil.copyfile(directory / file, draft / file)
         write_manifest(draft, replace(manifest, supersedes=earlier))
         load_bundle(draft)
+    return "; its signature was of the old one: sign it again with --sign" if signed else ""
 
 
 def _with_sources(
