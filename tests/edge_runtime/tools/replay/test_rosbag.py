@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from logs import record, ticks, with_tick
+from logs import in_space, record, ticks, with_tick
 from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
@@ -73,22 +73,24 @@ def test_times_are_those_of_the_ticks_in_order(log, tmp_path):
     assert 1e-9 * (times[-1] - times[0]) == pytest.approx(passed, abs=1e-6)
 
 
-def test_a_stop_is_an_error_with_its_reason_and_a_state_in_space_keeps_its_height(log, tmp_path):
-    changed = with_tick(
+def test_a_stop_is_an_error_with_its_reason(log, tmp_path):
+    stopped = with_tick(
         log,
         tmp_path / "stopped.mcap",
         3,
         command=lambda command: replace(command, stop_reason="the operator says so"),
-        state=lambda team: replace(
-            team, own=replace(team.own, position_m=(1.0, 2.0, 3.0), velocity_m_s=(0.0, 0.0, 0.5))
-        ),
     )
-    edge_replay.main([str(changed), "--rosbag2", str(tmp_path / "bag")])
+    edge_replay.main([str(stopped), "--rosbag2", str(tmp_path / "bag")])
     _, found = read(tmp_path / "bag")
     stops = [m.status[0] for topic, _, m in found if topic == "/diagnostics" and m.status[0].level == 2]
     assert [stop.message for stop in stops] == ["the operator says so"]
-    highest = max(m.pose.pose.position.z for topic, _, m in found if topic == "/robot_0/odom")
-    assert highest == 3.0
+
+
+def test_a_robot_in_space_keeps_its_height(log, tmp_path):
+    edge_replay.main([str(in_space(log, tmp_path / "high.mcap", 3.0)), "--rosbag2", str(tmp_path / "bag")])
+    _, found = read(tmp_path / "bag")
+    heights = {m.pose.pose.position.z for topic, _, m in found if topic == "/robot_0/odom"}
+    assert heights == {3.0}
 
 
 def test_a_log_that_breaks_off_is_in_the_bag_up_to_there(log, tmp_path, capsys):
