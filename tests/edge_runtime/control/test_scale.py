@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from logs import record, ticks
 from msgspec.structs import force_setattr, replace
 
-from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
+from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import TeamState
 from edge_runtime.objectives import ObstacleMargin, SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
-from edge_runtime.tools.replay.edge_replay import main as edge_replay
 from firmware_bridge.simulation.bridge import open_bridge
 
 LENGTHS = ("start_m", "goal_m", "centre_m", "velocity_m_s", "radius_m", "goal_tolerance_m")
@@ -105,16 +103,6 @@ def test_objectives_and_commands_stay_in_the_robots_own_metres(tmp_path):
     fast = drive(tmp_path, 4.0, 60)
     speeds = np.hypot(*fast[:, -2:].T) * 4.0
     assert 0.3 < speeds.max() <= 1.2 + 1e-6
-
-
-def test_a_log_of_a_scaled_team_replays(tmp_path):
-    """So does that of a robot with a mass and limits of its own."""
-    path = tmp_path / "team.toml"
-    text = DEFAULT_FLEET.read_text().replace("[team]", "[team]\nscale_m = 1.5\nmax_action = 0.6")
-    path.write_text(text)
-    (log,) = record(tmp_path, "--fleet", str(path), "--duration", "0.5")
-    assert max(abs(a) for tick in ticks(log) for a in tick.command.action) <= 0.6
-    assert edge_replay([str(log)]) == 0
 
 
 @pytest.mark.parametrize("scale", ["0.0", "-1.0", "nan", '"2 m"', "1e9"])

@@ -12,6 +12,7 @@ from logs import in_space, record, ticks, with_tick, write
 from msgspec.structs import replace
 from networks import needs_kernel
 
+from edge_runtime.config.fleet import DEFAULT_FLEET
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.policy.bundle import PACKAGED, packaged_bundle
 from edge_runtime.recording.reader import read_log
@@ -50,6 +51,16 @@ def test_a_run_is_repeated_bit_for_bit(log, capsys):
     assert len({tick.inputs.start for tick in ticks(log)}) == len(ticks(log))  # noise in every tick
     assert main([str(log)]) == 0
     assert f"identical   {len(ticks(log))} ticks, bit for bit" in capsys.readouterr().out
+
+
+def test_a_run_of_a_scaled_team_is_repeated(tmp_path):
+    """So is that of a robot with limits of its own."""
+    path = tmp_path / "team.toml"
+    text = DEFAULT_FLEET.read_text().replace("[team]", "[team]\nscale_m = 1.5\nmax_action = 0.6")
+    path.write_text(text)
+    (scaled,) = record(tmp_path, "--fleet", str(path), "--duration", "0.5")
+    assert max(abs(a) for tick in ticks(scaled) for a in tick.command.action) <= 0.6
+    assert main([str(scaled)]) == 0
 
 
 PLANTED = {
