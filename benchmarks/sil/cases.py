@@ -7,8 +7,6 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.control.start import PATIENCE
 from firmware_bridge.sil.report.records import RobotQuality, SilReport
 
-POSE_TO_COMMAND_MS = 3.0
-"""At the firmware."""
 Judge = Callable[[SilReport], Iterator[str]]
 """Yields what was not seen; nothing if all was."""
 
@@ -141,7 +139,7 @@ def cases() -> tuple[Case, ...]:
 
 def pose_cases() -> tuple[Case, ...]:
     """Return the rows that tell how soon a pose becomes a command."""
-    asked, how = f"p99 {POSE_TO_COMMAND_MS:g} ms", (_pose_age, _show_pose_age)
+    asked, how = "p99 within half a period", (_pose_age, _show_pose_age)
     return (
         Case("pose to command, CAN", asked, *how),
         Case("pose to command, MAVLink", asked, *how, bridge="mavlink"),
@@ -202,7 +200,7 @@ def _show_counted(report: SilReport) -> str:
 
 def _pose_age(report: SilReport) -> Iterator[str]:
     for robot in _driving(report):
-        yield from _aged(robot, robot.pose_to_command_age_ms, POSE_TO_COMMAND_MS)
+        yield from _aged(robot, robot.pose_to_command_age_ms, PATIENCE * 1e3 / report.rate_hz)
 
 
 def _aged(robot: RobotQuality, age_ms: Percentiles | None, most_ms: float) -> Iterator[str]:
