@@ -27,6 +27,7 @@ for record in read_log(source):
     elif isinstance(record, Tick):
         observation = replay.observe(record)
         action = replay.act(record, observation)
-        record = replace(record, observation=observation, action=action, command=replay.limit(record, action))
+        command = replay.limit(record, action, observation)
+        record = replace(record, observation=observation, action=action, command=command)
     records.append(record)
 write(target, records)
