@@ -19,10 +19,15 @@ PATIENCE: Final = 0.5
 """Share of a period that a tick waits for its pose at most; two ticks are never nearer than the rest."""
 FRESH: Final = 0.05
 """Share of a period: a pose that came so shortly before the deadline is the tick's."""
+KEPT: Final = 2.5 * FRESH
+"""The same after a tick that began at its deadline so. Poses that come several to a period, about `FRESH`
+before it, would else be fresh for one tick and too old for the next, which would wait for another."""
 TOGETHER: Final = 0.1
 """Share of a period: poses that come within it count as one for the source's rhythm."""
 BUSY: Final = 0.8
 """Share of a period by whose end a tick that has waited must be done."""
+SAME_PLACE: Final = 0.15
+"""Poses a period that differ less from a whole number come at the same places of each period."""
 REMEMBERED: Final = 5
 """Intervals whose median is the source's rhythm, and ticks that tell whether deadlines come too early."""
 LOST: Final = 3
@@ -75,6 +80,11 @@ class Rhythm:
         if len(self._intervals) == REMEMBERED:
             self.interval_s = sorted(self._intervals)[REMEMBERED // 2]
 
+    def repeats(self, period_s: float) -> bool:
+        """Whether several poses come in each period, always at the same places of it."""
+        poses = period_s / self.interval_s
+        return poses > 1.5 and abs(poses - round(poses)) < SAME_PLACE
+
     def next_s(self, after_s: float, now_s: float) -> float:
         """Return when the first pose after a time is expected; infinite if none is."""
         if not now_s - self._counted_s <= (1 + LOST) * self.interval_s < math.inf:
@@ -121,7 +131,8 @@ class StateGrid(DeadlineGrid):
         super().__init__(period_s, clock, sleep)
         self._source, self._prepare, self._lead_s, self._listen = source, prepare, lead_s, listen
         self._patience_s = min(PATIENCE * period_s, 0.5 * (longest_gap_s - period_s))
-        self._fresh_s = FRESH * period_s
+        self._punctual = False
+        """Whether the last tick began at its deadline, with a fresh pose."""
         self._rhythm = Rhythm(TOGETHER * period_s)
         self._late_s: list[float] = []
         self._begun_s, self._busy_s = math.inf, 0.0
@@ -138,14 +149,18 @@ class StateGrid(DeadlineGrid):
     def _reach(self, deadline_s: float) -> None:
         """Wait for the tick's pose, or for its deadline where none is expected in time."""
         self._look()
-        expected_s = self._rhythm.next_s(deadline_s - self._fresh_s, self._clock())
+        kept = self._punctual and self._rhythm.repeats(self.period_s)
+        fresh_s = (KEPT if kept else FRESH) * self.period_s
+        expected_s = self._rhythm.next_s(deadline_s - fresh_s, self._clock())
         patience_s = max(0.0, min(self._patience_s, BUSY * self.period_s - self._busy_s))
         last_s = deadline_s + patience_s
         waits = expected_s <= last_s
         self._prepare_for(max(expected_s, deadline_s) if waits else deadline_s)
         if waits:
-            self._await_pose(deadline_s - self._fresh_s, last_s)
+            self._await_pose(deadline_s - fresh_s, last_s)
         self._sleep_until(deadline_s)
+        early_s = deadline_s - self._rhythm.newest_s
+        self._punctual = -FRESH * self.period_s <= early_s <= fresh_s
         if waits:
             self.due_s = max(deadline_s, self._rhythm.newest_s)
         self._follow(expected_s - deadline_s)

@@ -77,6 +77,15 @@ def test_ticks_begin_with_their_poses_whatever_the_phase(hz, phase):
     assert begun[-1] - START < (399 + 1.0) * PERIOD
 
 
+@given(phase=phases, seed=st.integers(0, 2**16))
+@settings(max_examples=60)
+def test_two_poses_a_period_that_jitter_do_not_make_ticks_jump_from_one_to_the_other(phase, seed):
+    jitter = np.random.default_rng(seed).uniform(-0.0005, 0.0005, 1200)
+    begun, *_ = run(np.array(steady(100.0, phase)) + jitter)
+    apart = np.diff(begun[60:])
+    assert (np.abs(apart - PERIOD) > 0.15 * PERIOD).mean() < 0.02
+
+
 @given(phase=phases, drift=st.floats(-DRIFT, DRIFT))
 @settings(max_examples=5)
 def test_a_source_whose_clock_drifts_is_followed(phase, drift):
