@@ -21,6 +21,7 @@ from firmware_bridge.guard.spec import (
     deadline_s,
     flags_from,
     setpoint_limits,
+    speed_limit_m_s,
 )
 from firmware_bridge.kinematics.fit import check_base
 
@@ -98,27 +99,17 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
     _check_rate(profile, rate_hz)
     check_base(manifest.motion, profile.base, str(path))
     link = CanOptions(options.bus, str(path), options.pose, manifest.motion.turns)
+    speed = speed_limit_m_s(options.max_speed_m_s, profile.limits.speed_m_s, options.profile)
     return GuardSpec(
         link="can",
         robot_id=robot_id,
         deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=setpoint_limits(manifest, _speed_limit(profile, options), profile.base.max_yaw_rad_s),
+        limits=setpoint_limits(manifest, speed, profile.base.max_yaw_rad_s),
         options=msgspec.Raw(msgspec.json.encode(link)),
         arm=options.guard.arm,
         allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
         deceleration_m_s2=profile.stop.deceleration_m_s2,
     )
-
-
-def _speed_limit(profile: Profile, options: CanFlags) -> float:
-    carried = profile.limits.speed_m_s
-    wanted = carried if options.max_speed_m_s is None else options.max_speed_m_s
-    if not 0.0 < wanted <= carried:
-        raise ConfigError(
-            f"--max-speed {wanted:g}: must be positive and at most {carried:g} m/s, "
-            f"the limit of profile {options.profile}"
-        )
-    return wanted
 
 
 def _check_rate(profile: Profile, rate_hz: float) -> None:

@@ -60,6 +60,26 @@ def flags_from(arguments: argparse.Namespace) -> GuardFlags:
     return GuardFlags(arguments.arm, arguments.guard_deadline, arguments.allow_unsafe_firmware_timeout)
 
 
+def speed_limit_m_s(asked: float | None, carried: float, profile: str) -> float:
+    """The speed limit of a robot whose profile carries one: what ``--max-speed`` asks for, or that.
+
+    Args:
+        asked: by the flag, in m/s; None where it is not given.
+        carried: by the profile, in m/s.
+        profile: its name, for errors.
+
+    Raises:
+        ConfigError: if it asks for nothing positive, or for more than the profile's.
+    """
+    wanted = carried if asked is None else asked
+    if not 0.0 < wanted <= carried:
+        raise ConfigError(
+            f"--max-speed {wanted:g}: must be positive and at most {carried:g} m/s, "
+            f"the limit of profile {profile}"
+        )
+    return wanted
+
+
 def setpoint_limits(
     manifest: Manifest, speed_m_s: float, yaw_rate_rad_s: float = GREATEST_YAW_RATE_RAD_S
 ) -> SetpointLimits:

@@ -28,7 +28,7 @@ radius_m = 0.5
 
 
 def record(folder, *flags):
-    """Run for two seconds at 50 Hz; returns the log."""
+    """Run for four seconds at 50 Hz; returns the log."""
     bundle = write_straight_bundle(folder / "straight")
     (folder / "fleet.toml").write_text(FLEET)
     command = [sys.executable, "-m", "edge_runtime.run", "--robot-id", "0", "--policy", bundle, "--stay"]
@@ -38,7 +38,7 @@ def record(folder, *flags):
         "--rate",
         "50",
         "--duration",
-        "2",
+        "4",
         "--log-dir",
         folder,
         *flags,

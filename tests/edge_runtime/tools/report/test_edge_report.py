@@ -41,7 +41,7 @@ def run(log):
 
 def test_a_digest_holds_what_the_log_holds(log, run):
     ticks = [record for record in read_log(log) if isinstance(record, Tick)]
-    assert len(ticks) == len(run.time_s) > 0
+    assert len(ticks) == len(run.time_s) > 50
     assert (np.diff(run.time_s) > 0).all()
     for row in (0, len(ticks) // 2, -1):
         tick = ticks[row]
