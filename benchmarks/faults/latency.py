@@ -39,10 +39,11 @@ def bus_latencies(kind: type[Robot], commands: int, realtime: bool = False) -> l
             stdout=subprocess.PIPE,
             text=True,
         )
-        if not robot.serve(LONGEST_S, lambda: sender.poll() is not None) or sender.returncode:
-            sender.kill()
+        robot.serve(LONGEST_S, lambda: len(robot.arrivals()) == commands or sender.poll() is not None)
+        output, _ = sender.communicate(timeout=LONGEST_S)
+        if sender.returncode != 0:
             raise BridgeError(f"the frames on the {robot.name} bus were not sent")
-        return _delays(robot, sender.communicate()[0])
+        return _delays(robot, output)
 
 
 def _delays(robot: Robot, output: str) -> list[float]:

@@ -98,7 +98,8 @@ class Robot(Closing, abc.ABC):
         return contents
 
     def arrivals(self) -> list[float]:
-        """Return when each command to drive arrived."""
+        """Return when each command to drive arrived, those still unread on the wire included."""
+        self._node.receive()
         return [heard.arrival_s for heard in self.heard if self.drives(heard)]
 
     def stop_after(self, time_s: float) -> float:
@@ -134,8 +135,8 @@ class CanRobot(Robot):
 
     def __init__(self) -> None:
         self._address = multicast_bus(free_ports(1)[0])
-        self._wire = CanWire(self._address)
-        super().__init__(AgilexChassis(), self._wire)
+        self.wire = CanWire(self._address)
+        super().__init__(AgilexChassis(), self.wire)
 
     def spec(self) -> GuardSpec:
         """Return what a guard of this chassis is started with."""
@@ -148,7 +149,7 @@ class CanRobot(Robot):
 
     def tell_bus_off(self) -> None:
         """Put the error frame on the bus by which a kernel reports that its controller went bus-off."""
-        self._wire.send_raw(can.Message(arbitration_id=_BUS_OFF, is_error_frame=True, data=bytes(8)))
+        self.wire.send_raw(can.Message(arbitration_id=_BUS_OFF, is_error_frame=True, data=bytes(8)))
 
 
 class MavlinkRobot(Robot):

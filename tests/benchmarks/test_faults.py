@@ -1,6 +1,7 @@
 """``python -m benchmarks faults`` measures what it says: it sees faults, and would see what gets through."""
 
 import math
+import select
 from functools import partial
 
 import msgspec
@@ -9,6 +10,7 @@ import pytest
 
 from benchmarks.common.result_file import replaced
 from benchmarks.faults.bad_commands import bad_numbers, count_passed
+from benchmarks.faults.bare_bus import open_sender
 from benchmarks.faults.drive import DisturbedError
 from benchmarks.faults.forged_frames import count_accepted
 from benchmarks.faults.latency import bus_latencies, guard_latencies
@@ -56,6 +58,14 @@ def test_the_bus_alone_delivers_every_frame(kind):
     delays = bus_latencies(kind, 20)
     assert len(delays) == 20
     assert min(delays) > 0.0
+
+
+@ROBOTS
+def test_a_frame_that_nobody_has_read_yet_has_arrived(kind):
+    with kind() as robot:
+        open_sender(robot.spec())()
+        select.select([robot.wire], [], [])
+        assert len(robot.arrivals()) == 1
 
 
 def test_only_what_was_measured_again_is_replaced():
