@@ -1,6 +1,5 @@
 """One number for the same control period on every robot of a team, without synchronised clocks."""
 
-import math
 from typing import Final
 
 from edge_runtime.network.seal import FrameError, Refusal
@@ -10,7 +9,7 @@ STEP: Final = 1000
 LEAP: Final = 2**32
 """And by so many where teams meet: those of a year at 100 Hz. Adopting them does no harm."""
 LEAP_S: Final = 1.0
-"""A teammate leaps once in this time; one that leaps on is kept out, and its numbers with it."""
+"""A teammate may leap by `LEAP` in each such time since it last did; one that leaps on is kept out."""
 
 
 class TeamTick:
@@ -24,8 +23,8 @@ class TeamTick:
 
     Numbers only rise, so one too high for anybody to count on from would be the end of the team's frames.
     Whom to believe when one is far ahead, the one or the rest, cannot be told: who starts alone and is joined
-    hours later is right. So leaps are adopted, but neither so long nor so often that they lead anywhere near
-    the last number; robots that adopted one still hear each other, for each of them leaps once.
+    hours later is right. So leaps are adopted, but not so fast that they lead anywhere near the last number.
+    What a teammate may leap by grows while it is kept out: whoever has fallen behind comes after in the end.
 
     Args:
         period_s: the robot's control period.
@@ -47,11 +46,12 @@ class TeamTick:
         """Take in a teammate's number; after the first `advance`.
 
         Raises:
-            FrameError: if the teammate leaps farther or more often than anybody in order.
+            FrameError: if the teammate leaps farther than the time since its last leap allows.
         """
         ahead = number - self.number
         if ahead > STEP:
-            if ahead > LEAP or now_s < self._leaped_s.get(robot_id, -math.inf) + LEAP_S:
+            leaped_s = self._leaped_s.setdefault(robot_id, now_s - LEAP_S)
+            if ahead > LEAP * (now_s - leaped_s) / LEAP_S:
                 raise FrameError(Refusal.TICK_LEAPS)
             self._leaped_s[robot_id] = now_s
         if ahead > 0 and self._zero_s is not None:

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.network.seal import FrameError, Refusal
@@ -100,8 +100,19 @@ def test_who_leaps_on_and_on_is_kept_out():
     assert tick.number < 2**62 * 1e-6
 
 
+def test_who_starts_late_comes_after_a_team_that_has_leaped():
+    tick, fates, steps = TeamTick(PERIOD_S), [], 300
+    for step in range(steps):
+        tick.advance(PERIOD_S * step)
+        fates.append(fate(tick, 1, 5 * LEAP + step, PERIOD_S * step))
+    assert fates[-1] is None
+    assert tick.number == 5 * LEAP + steps - 1
+    assert fates.index(None) * PERIOD_S == pytest.approx(4 * LEAP_S, abs=PERIOD_S)
+
+
 @settings(deadline=None, max_examples=50)
 @given(seed=st.integers(0, 2**32))
+@example(seed=38738)  # two leaps on one robot, before another one may follow the first
 def test_robots_in_order_agree_whatever_one_among_them_says(seed):
     """It tells each of them something else, as often as it likes; they never keep each other out for long."""
     draw, ticks = random.Random(seed), {name: TeamTick(PERIOD_S) for name in "abc"}
