@@ -62,13 +62,14 @@ def _open(
         complain("edge-run", doubt)
     bridge = link.open_bridge(mission, link.options_from(flags))
     # What cannot compute is refused before a link opens.
-    controller = mission.controller(mission.robot_id, bridge.max_speed_m_s, bridge.max_yaw_rate_rad_s)
+    most = bridge.max_speed_m_s, bridge.max_yaw_rate_rad_s
+    controller = mission.controller(mission.robot_id, *most)
     recorder = opening.enter_context(open_record(flags))
     if flags.realtime:
         enter_realtime()  # before the bridge opens: its guard process inherits it
     local = bridge if BRIDGES[flags.bridge].simulated else Alone()
     # Entered last, left first: the robot is stopped before it leaves its team.
-    fleet = opening.enter_context(open_fleet(mission, local, bridge.max_speed_m_s))
+    fleet = opening.enter_context(open_fleet(mission, local, *most))
     opening.enter_context(bridge)
     if not flags.dry_run:
         note_run(mission.bundle, mission.fleet, mission.robot_id)

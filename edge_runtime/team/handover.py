@@ -108,10 +108,13 @@ class PolicyReceiver:
     Args:
         mission: the robot's.
         max_speed_m_s: greatest velocity setpoint that its link takes.
+        max_yaw_rate_rad_s: greatest yaw rate that it takes.
     """
 
-    def __init__(self, mission: Mission, max_speed_m_s: float = math.inf) -> None:
-        self._mission, self._max_speed_m_s = mission, max_speed_m_s
+    def __init__(
+        self, mission: Mission, max_speed_m_s: float = math.inf, max_yaw_rate_rad_s: float = math.inf
+    ) -> None:
+        self._mission, self._most = mission, (max_speed_m_s, max_yaw_rate_rad_s)
 
     def __call__(self, files: Mapping[str, bytes], asked: ObjectiveSet) -> Takeover:
         """Write, check and load a policy.
@@ -126,17 +129,17 @@ class PolicyReceiver:
         bundle = load_bundle(directory)
         require_trusted(bundle, fleet, robot.id)
         bundle = adapted(bundle, robot, fleet.team)
-        _require_same_robot(mission.bundle.manifest, bundle.manifest)
+        _require_same_robot(mission.bundle.manifest, bundle.manifest, mission.period_s)
         made = replace(mission, bundle=bundle, objective_set=asked)
-        controller = made.controller(robot.id, self._max_speed_m_s)
+        controller = made.controller(robot.id, *self._most)
         controller.rehearse()
         return Takeover(made, controller)
 
 
-def _require_same_robot(before: Manifest, after: Manifest) -> None:
+def _require_same_robot(before: Manifest, after: Manifest, period_s: float) -> None:
     """Links and streams were opened for the robot of the policy that it was started with."""
     for what, one, other in (
-        ("motion model", type(before.motion).__name__, type(after.motion).__name__),
+        ("motion model", before.motion.at_period(period_s), after.motion.at_period(period_s)),
         ("action", before.action, after.action),
         ("body", before.body, after.body),
     ):

@@ -186,13 +186,16 @@ class LocalTeam(Closing):
         """Return nothing: there are no frames."""
 
 
-def open_fleet(mission: Mission, local: FleetLink, max_speed_m_s: float = math.inf) -> TeamLink:
+def open_fleet(
+    mission: Mission, local: FleetLink, max_speed_m_s: float = math.inf, max_yaw_rate_rad_s: float = math.inf
+) -> TeamLink:
     """Return the mission's robot's link to its team: the fleet's carrier, or ``local`` where it has none.
 
     Args:
         mission: the robot's.
         local: its team where there is no network.
         max_speed_m_s: greatest velocity setpoint that its bridge takes.
+        max_yaw_rate_rad_s: greatest yaw rate that it takes.
 
     Raises:
         ConfigError: if the key cannot be used, this machine does not have the robot's address, or a robot
@@ -219,7 +222,7 @@ def open_fleet(mission: Mission, local: FleetLink, max_speed_m_s: float = math.i
         random_nonce(),
         mission.guide(),
         mission.guide_of,
-        PolicyReceiver(mission, max_speed_m_s),
+        PolicyReceiver(mission, max_speed_m_s, max_yaw_rate_rad_s),
         policy_text(mission.bundle),
     )
     service = OrderService(orders, operator_key(fleet), carrier, mission.rate_hz)

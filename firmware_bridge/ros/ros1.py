@@ -140,9 +140,10 @@ class Ros1Client:
                 graph = self.graph()
                 rivals = graph.topic(self._profile.command).publishers
                 tellers = graph.topic(self._profile.odometry).publishers
-                listeners = self._commands.get_num_connections() if self._commands else 0
                 if self._rospy.is_shutdown():
                     raise BridgeError(f"another node took the name {self.name}")
+                with self._told():
+                    listeners = self._commands.get_num_connections() if self._commands else 0
                 self._put(Sight(listeners, rivals, len(tellers)))
         except BridgeError as error:
             self._put(Trouble(str(error)))

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from bundles import MANIFEST
+from bundles import MANIFEST, write_straight_bundle
 from fleet_fakes import KEY, OPERATOR, PERIOD_S, World
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +16,7 @@ from edge_runtime.config.fleet import DEFAULT_FLEET, load_fleet
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
+from edge_runtime.motion.models import VelocityLag
 from edge_runtime.network.order_wire import (
     Abort,
     Ask,
@@ -27,13 +28,21 @@ from edge_runtime.network.order_wire import (
     decode_answer,
     encode_order,
 )
-from edge_runtime.policy.bundle import Bundle
-from edge_runtime.team.handover import LARGEST_BUNDLE, PolicyReceiver, Reception, _require_same_robot
+from edge_runtime.policy.bundle import Bundle, load_bundle
+from edge_runtime.policy.signature import sign
+from edge_runtime.team.handover import (
+    LARGEST_BUNDLE,
+    PolicyReceiver,
+    Reception,
+    _require_same_robot,
+    bundle_files,
+)
 from edge_runtime.team.orders import HALT_S, HANDOVER
 
 FILES = {"manifest.json": b"{}", "manifest.sha256": b"abc", "policy.npz": bytes(range(256)) * 100}
 SIZES = tuple((name, len(content)) for name, content in FILES.items())
 STREAM = b"".join(FILES.values())
+SEED = bytes(range(32))
 ORDER = (1, 1, 0, 0, 0.0)
 
 
@@ -225,7 +234,25 @@ def test_what_is_not_whole_is_neither_checked_nor_committed(ready):
 @pytest.mark.parametrize(("changes", "what"), [
     ({"body": replace(MANIFEST.body, lidar_rays=8)}, "body"),
     ({"action": tuple(replace(field, high=2.0) for field in MANIFEST.action)}, "action"),
+    ({"motion": replace(MANIFEST.motion, mass_kg=2.0)}, "motion model"),
+    ({"motion": VelocityLag(dt_s=MANIFEST.motion.dt_s)}, "motion model"),
 ])  # fmt: skip
 def test_the_policy_of_another_robot_is_refused(changes, what):
     with pytest.raises(BundleError, match=f"is for another robot than 'straight': its {what} differs"):
-        _require_same_robot(MANIFEST, replace(MANIFEST, name="other", **changes))
+        _require_same_robot(MANIFEST, replace(MANIFEST, name="other", **changes), PERIOD_S)
+
+
+def test_what_the_link_takes_limits_a_policy_that_is_handed_over_too(tmp_path, monkeypatch):
+    nacl = pytest.importorskip("nacl.bindings")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    directory = write_straight_bundle(tmp_path / "newer")
+    bundle = load_bundle(directory)
+    sign(directory, bundle.sha256, 1, SEED)
+    key = nacl.crypto_sign_seed_keypair(SEED)[0].hex()
+    (tmp_path / "team.toml").write_text(
+        f'[team]\ntrusted_keys = ["{key}"]\n[[robots]]\nid = 0\nstart_m = [0, 0]\ngoal_m = [1, 0]\n'
+    )
+    fleet = load_fleet(tmp_path / "team.toml")
+    receiver = PolicyReceiver(Mission(0, fleet, bundle, fleet.objective_set, 10.0), 0.5, 0.7)
+    limits = receiver(bundle_files(load_bundle(directory)), fleet.objective_set).controller.limits
+    assert (limits.max_speed_m_s, limits.max_yaw_rate_rad_s) == (0.5, 0.7)
