@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common.flags import make_parser
-from benchmarks.paper.rows import Setting
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tracks import SETTING, Track, follow
 from benchmarks.paper.tuning import tuned_default
@@ -20,6 +19,7 @@ from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.tools.report.page.animation import Load, Scene, animate, check_target
 from edge_runtime.tools.report.page.arena import Circle
+from export.episodes.neighbourhood import Setting
 from export.scenarios.balance_starts import LINE_LENGTH_M, PACKAGE_RADIUS_M
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"

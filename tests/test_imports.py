@@ -36,6 +36,7 @@ firmware_bridge.sil.judge
 firmware_bridge.sil
 export.bundle export.common export.evaluation
 export.algorithms export.onnx export.scenarios
+export.episodes
 export.training
 export
 benchmarks.common

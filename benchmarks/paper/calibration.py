@@ -33,13 +33,13 @@ from benchmarks.common.flags import add_policies, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.common.result_page import table
 from benchmarks.paper.episodes import run_episodes
-from benchmarks.paper.judges import Flags, Judge, Outcome
 from benchmarks.paper.methods import decider
 from benchmarks.paper.policies import find_policy
-from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Descent, Shield
 from benchmarks.paper.tasks import Task, make_task
 from edge_runtime.policy.bundle import Bundle, load_bundle
+from export.episodes.judges import Flags, Judge, Outcome
+from export.episodes.neighbourhood import Setting
 from export.scenarios.definitions import BALANCE, NAVIGATION, SAMPLING, Definition
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, SPAWN_DISTANCE_M
 from export.scenarios.scenario import Scenario, Transition

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
 from benchmarks.paper.baselines import descend, shield
@@ -15,15 +14,10 @@ from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
-from export.evaluation.guidance import guided_actions
+from export.episodes.play import Decide, MakeDecide, Observations, sampled
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BatchCombine, hierarchical_batch
 
-Observations = npt.NDArray[np.float32]
-Decide = Callable[[Observations, TeamBatch, np.random.Generator], Floats]
-"""Observations (B, O) and views of B robots, and a generator of noise -> actions (B, 2)."""
-MakeDecide = Callable[[int], Decide]
-"""Prepares the decisions of B robots."""
 Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 """Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
 
@@ -33,7 +27,7 @@ def decider(task: Task, settings: Settings, bundle: Bundle, euler_steps: int | N
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
-        return _sampled(bundle, guide, euler_steps, joint)
+        return sampled(lambda batch: bundle.policy(batch, euler_steps), guide, joint)
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
@@ -87,27 +81,10 @@ def _asked(task: Task, deconfliction: bool) -> tuple[Objective, ...]:
     return (*task.objectives, *task.deconfliction) if deconfliction else task.objectives
 
 
-def _sampled(
-    bundle: Bundle, guide: Guide, euler_steps: int | None = None, combine: BatchCombine | None = None
-) -> MakeDecide:
-    """A flow's samples under guidance."""
-
-    def prepare(batch: int) -> Decide:
-        policy = bundle.policy(batch, euler_steps)
-
-        def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
-            start = guide.start_noise * draw.standard_normal((batch, 2))
-            return guided_actions(policy, observation, views, guide, start, combine)
-
-        return decide
-
-    return prepare
-
-
 def _mean(bundle: Bundle) -> MakeDecide:
     """A Gaussian policy as robots run it: a flow of one step that starts at zero."""
     alone = ObjectiveSet((), GuidanceSettings(start_noise=0.0))
-    return _sampled(bundle, make_guide(alone, bundle.manifest.motion))
+    return sampled(bundle.policy, make_guide(alone, bundle.manifest.motion))
 
 
 def _post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:

@@ -4,23 +4,10 @@ from typing import Any
 
 import msgspec
 
-from benchmarks.paper.judges import Outcome
 from benchmarks.paper.settings import Settings
 from benchmarks.paper.tasks import TASKS
-
-
-class Setting(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Which episodes, and what the robots hear of each other."""
-
-    episodes: int
-    episodes_seed: int
-    """Of starts, goals, noise and lost messages."""
-    neighbours: int | None = None
-    """K, the nearest at every step; None for all."""
-    loss: float = 0.0
-    """Share of the messages lost."""
-    intentions: bool = True
-    """Whether messages tell intended actions; else teammates take them for zero."""
+from export.episodes.judges import Outcome
+from export.episodes.neighbourhood import Setting
 
 
 class Question(Setting, frozen=True, kw_only=True):

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from benchmarks.paper.judges import BalanceJudge, Judge, NavigationJudge, SamplingJudge
 from edge_runtime.objectives import Objective, Passing
+from export.episodes.judges import Judge, make_judge
 from export.scenarios import scenario_facts
 from export.scenarios.definitions import BALANCE, DEFINITIONS, Definition
 
@@ -61,7 +61,6 @@ METRICS = {
         Metric("cluster_rmse", "cluster RMSE", "m"),
     ),
 }
-JUDGES = {"navigation": NavigationJudge, "balance": BalanceJudge, "sampling": SamplingJudge}
 DECONFLICTION = {"balance": (Passing(order=BALANCE.spatial_order.order),)}
 
 
@@ -71,7 +70,7 @@ def make_task(name: str, definition: Definition) -> Task:
         name,
         definition.objectives,
         definition.steps,
-        partial(JUDGES[name], definition),
+        partial(make_judge, definition),
         METRICS[name],
         DECONFLICTION.get(name, ()),
     )

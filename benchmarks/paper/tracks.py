@@ -7,13 +7,13 @@ import numpy as np
 from torch import Tensor
 
 from benchmarks.paper.episodes import run_episodes
-from benchmarks.paper.judges import Flags, motion
 from benchmarks.paper.methods import decider
-from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import UNGUIDED, Guided
 from benchmarks.paper.tasks import Task
 from edge_runtime.common.arrays import Floats
 from edge_runtime.policy.bundle import Bundle
+from export.episodes.judges import Flags, motion
+from export.episodes.neighbourhood import Setting
 from export.scenarios.scenario import Scenario
 
 SETTING = Setting(episodes=10, episodes_seed=3)

@@ -5,12 +5,12 @@ from pathlib import Path
 import matplotlib as mpl
 
 from benchmarks.paper.policies import find_policy
-from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import Task
 from benchmarks.paper.tracks import SETTING, follow
 from edge_runtime.common.arrays import Floats
 from edge_runtime.policy.bundle import load_bundle
+from export.episodes.neighbourhood import Setting
 from export.scenarios.definitions import SAMPLING
 
 mpl.use("Agg")

@@ -15,11 +15,11 @@ from benchmarks.paper.candidates import candidates
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import decider
 from benchmarks.paper.policies import find_policy
-from benchmarks.paper.rows import Setting
 from benchmarks.paper.settings import Guided, Settings
 from benchmarks.paper.tasks import TASKS, Task
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle
+from export.episodes.neighbourhood import Setting
 
 TUNED = Path(__file__).with_name("tuned.json")
 TUNING = Setting(episodes=200, episodes_seed=900)

@@ -4,9 +4,9 @@ import pytest
 from PIL import Image
 
 from benchmarks import pictures
-from benchmarks.paper.rows import Setting
 from benchmarks.pictures import draw, main
 from edge_runtime.errors import ConfigError
+from export.episodes.neighbourhood import Setting
 
 FEW = Setting(episodes=2, episodes_seed=3)
 

@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from benchmarks.paper.episodes import play
-from benchmarks.paper.judges import motion
-from benchmarks.paper.methods import MakeDecide
-from benchmarks.paper.rows import Setting
 from edge_runtime.common.arrays import Floats
+from export.episodes.judges import motion
+from export.episodes.neighbourhood import Setting
+from export.episodes.play import MakeDecide, play
 from export.scenarios.definitions import NAVIGATION
 from export.scenarios.navigation import Navigation
 from export.scenarios.scenario import Scenario, Transition

@@ -13,11 +13,11 @@ from benchmarks.paper.ablation.variants import variants
 from benchmarks.paper.candidates import candidates
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import combine_teams, decider, guide_for
-from benchmarks.paper.neighbourhood import Neighbourhood
-from benchmarks.paper.rows import Row, Setting
+from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import packaged_bundle
+from export.episodes.neighbourhood import Neighbourhood, Setting
 from export.evaluation.projection import hierarchical_batch
 
 USUAL = candidates("CFPG")[0]

@@ -18,11 +18,9 @@ from benchmarks.paper import paper_command as command
 from benchmarks.paper.baselines import descend, shield
 from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
 from benchmarks.paper.episodes import run_episodes
-from benchmarks.paper.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
 from benchmarks.paper.methods import decider
-from benchmarks.paper.neighbourhood import Neighbourhood
 from benchmarks.paper.policies import SEEDS
-from benchmarks.paper.rows import Key, Question, Row, Setting, make_row
+from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
 from benchmarks.paper.statistics import equivalence, summarise, welch
 from benchmarks.paper.tables import success_table
@@ -34,6 +32,8 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
+from export.episodes.judges import BalanceJudge, NavigationJudge, SamplingJudge, cluster_radius
+from export.episodes.neighbourhood import Neighbourhood, Setting
 from export.evaluation.guidance import action_slopes
 from export.evaluation.objectives import evaluate_batch
 from export.evaluation.outlook import look_ahead_batch

@@ -5,13 +5,13 @@ import pytest
 import torch
 from networks import needs_kernel
 
-from benchmarks.paper.judges import motion
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import packaged_bundle
+from export.episodes.judges import motion
 from export.scenarios import make_scenario
 
 STEPS = 60

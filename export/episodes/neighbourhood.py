@@ -2,11 +2,25 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
-from benchmarks.paper.rows import Setting
 from edge_runtime.common.arrays import Floats
 from export.evaluation.outlook import MotionBatch, TeamBatch
+
+
+class Setting(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Which episodes, and what the robots hear of each other."""
+
+    episodes: int
+    episodes_seed: int
+    """Of starts, goals, noise and lost messages."""
+    neighbours: int | None = None
+    """K, the nearest at every step; None for all."""
+    loss: float = 0.0
+    """Share of the messages lost."""
+    intentions: bool = True
+    """Whether messages tell intended actions; else teammates take them for zero."""
 
 
 class Neighbourhood:

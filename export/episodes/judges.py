@@ -11,7 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
-from export.scenarios.definitions import BalanceDefinition, NavigationDefinition, SamplingDefinition
+from export.scenarios.definitions import (
+    BalanceDefinition,
+    Definition,
+    NavigationDefinition,
+    SamplingDefinition,
+)
 from export.scenarios.scenario import Scenario, Transition
 
 Flags = npt.NDArray[np.bool_]
@@ -152,6 +157,17 @@ class SamplingJudge:
             & (deviation <= definition.cluster_tolerance_m)
         )
         return Outcome(self._gathered, inside, deviation, satisfied)
+
+
+def make_judge(definition: Definition, episodes: int) -> Judge:
+    """Make the judge of a task as defined."""
+    if isinstance(definition, NavigationDefinition):
+        return NavigationJudge(definition, episodes)
+    if isinstance(definition, BalanceDefinition):
+        return BalanceJudge(definition, episodes)
+    if isinstance(definition, SamplingDefinition):
+        return SamplingJudge(definition, episodes)
+    raise TypeError(f"nothing judges a {type(definition).__name__}")
 
 
 def motion(world: Scenario) -> tuple[Floats, Floats]:
