@@ -17,12 +17,14 @@ def dot(a: Sequence[float], b: Sequence[float]) -> float:
     return total
 
 
-def through(rows: Sequence[Sequence[float]], vector: Sequence[float]) -> tuple[float, ...]:
-    """The inner product of each row with a vector."""
-    if len(rows) == len(vector) == 2:
-        (xx, xy), (yx, yy), (x, y) = *rows, vector
-        return (xx * x + xy * y, yx * x + yy * y)
-    return tuple([dot(row, vector) for row in rows])
+def descent(
+    gradient: Sequence[float], left: float, tangents: Sequence[Sequence[float]]
+) -> tuple[float, ...]:
+    """-(I + left V)^T gradient, of a Jacobian V whose columns are the tangents."""
+    if len(gradient) == 2:
+        (xx, xy), (yx, yy), (x, y) = *tangents, gradient
+        return (-x - left * (xx * x + xy * y), -y - left * (yx * x + yy * y))
+    return tuple([-g - left * dot(row, gradient) for g, row in zip(gradient, tangents, strict=True)])
 
 
 def plus(a: Sequence[float], factor: float, b: Sequence[float]) -> tuple[float, ...]:

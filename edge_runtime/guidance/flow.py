@@ -28,7 +28,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.common.vectors import dot, plus, through
+from edge_runtime.common.vectors import descent, dot, plus
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
 from edge_runtime.guidance.projection import COMBINE, cone, harmonize, project_onto_nominal, weighted_sum
@@ -114,10 +114,11 @@ def _flow(
         velocity, *tangents = policy.step(k, (action,))[:, 0].tolist()
         estimate = plus(action, left, velocity)  # a_hat of eq. 10
         try:
-            directions, factors = _pulled_back(bound, estimate, left, tangents, tally)
+            directions, factors, members = _pulled_back(bound, estimate, left, tangents, tally.costs)
         except ObjectiveError as error:
             return GuidedAction(estimate, k, fault=str(error), correction=rest, objective_failed=True)
-        guidance = _combined(guide, directions, factors, velocity, tally)
+        conflicting = len(members) > 1 and tally.count_conflicts(directions, members)
+        guidance = _combined(guide, directions, factors, velocity, tally, conflicting=conflicting)
         # eq. 12, an Euler step of eq. 10
         action = tuple([a + (v + g) / total for a, v, g in zip(action, velocity, guidance, strict=True)])
         before, now = now, time.monotonic()
@@ -140,13 +141,16 @@ class _Tally:
         self.conflicts = [0] * objectives
         self.projections = self.opposed = 0
 
-    def count_conflicts(self, directions: list[Vector], members: list[int]) -> None:
-        """Count every pair of directions that oppose each other, for both objectives."""
+    def count_conflicts(self, directions: list[Vector], members: list[int]) -> bool:
+        """Count every pair of directions that oppose each other, for both objectives; are there any?"""
+        found = False
         for m, direction in enumerate(directions):
             for n in range(m):
                 if dot(direction, directions[n]) < 0.0:
                     self.conflicts[members[m]] += 1
                     self.conflicts[members[n]] += 1
+                    found = True
+        return found
 
 
 def _pulled_back(
@@ -154,41 +158,45 @@ def _pulled_back(
     estimate: Vector,
     left: float,
     tangents: Sequence[Vector],
-    tally: _Tally,
-) -> tuple[list[Vector], list[float]]:
-    """Directions g_m and factors eta lambda_m of the objectives that the estimate does not meet: eq. 11.
+    costs: list[float],
+) -> tuple[list[Vector], list[float], list[int]]:
+    """Directions g_m, factors eta lambda_m and places of the objectives that the estimate does not meet.
 
     ``tangents`` are dv/da_j, (d,) each.
     """
-    costs = tally.costs
     directions: list[Vector] = []
     factors: list[float] = []
     members: list[int] = []
     for m, (objective, outlook, factor) in enumerate(bound):
         costs[m], gradient = action_slope(objective, outlook, estimate)
         if any(gradient):
-            directions.append(plus([-g for g in gradient], -left, through(tangents, gradient)))  # eq. 11
+            directions.append(descent(gradient, left, tangents))  # eq. 11
             factors.append(factor)
             members.append(m)
-    if len(members) > 1:
-        tally.count_conflicts(directions, members)
-    return directions, factors
+    return directions, factors, members
 
 
 def _combined(
-    guide: Guide, directions: list[Vector], factors: list[float], nominal: Vector, tally: _Tally
+    guide: Guide,
+    directions: list[Vector],
+    factors: list[float],
+    nominal: Vector,
+    tally: _Tally,
+    *,
+    conflicting: bool,
 ) -> Vector:
     """The guidance to add to the nominal flow."""
     if not directions:
         return (0.0,) * len(nominal)
-    plain = weighted_sum(directions, factors, nominal)
     if guide.projection == "hierarchical":
-        harmonized = harmonize(directions, factors)  # eq. 14
+        harmonized = (harmonize if conflicting else weighted_sum)(directions, factors)  # eq. 14
         guidance = project_onto_nominal(harmonized, nominal)  # eq. 15
-        tally.opposed += guidance != harmonized
+        opposed = guidance is not harmonized
+        tally.opposed += opposed
+        tally.projections += conflicting or opposed
     else:
         guidance = COMBINE[guide.projection](directions, factors, nominal)
-    tally.projections += guidance != plain
+        tally.projections += guidance != weighted_sum(directions, factors)
     return guidance
 
 
@@ -230,7 +238,7 @@ def _preferred(
     weights = [guide.objectives[m].weight for m in guide.preferences]
     action = sampled
     for _ in range(PREFERENCE_STEPS):
-        step = weighted_sum(descents(guide.preferences, action), weights, sampled)
+        step = weighted_sum(descents(guide.preferences, action), weights)
         move = plus(plus(action, PREFERENCE_RATE, step), -1.0, sampled)
         kept = min(1.0, guide.asked.guidance.reach / max(math.hypot(*move), TINY))
         action = plus(sampled, kept, move)

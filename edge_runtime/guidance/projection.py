@@ -33,9 +33,15 @@ FEASIBLE = -1e-12
 """Cosine down to which a direction counts as not opposing a gradient: rounding, not descent."""
 
 
-def weighted_sum(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
-    """Projection ``none``."""
-    total: Vector = (0.0,) * len(nominal)
+def weighted_sum(gradients: Sequence[Vector], factors: Sequence[float]) -> Vector:
+    """The sum, of at least one direction."""
+    if len(gradients[0]) == 2:
+        x = y = 0.0
+        for m, (gx, gy) in enumerate(gradients):
+            x += factors[m] * gx
+            y += factors[m] * gy
+        return (x, y)
+    total: Vector = (0.0,) * len(gradients[0])
     for gradient, factor in zip(gradients, factors, strict=True):
         total = plus(total, factor, gradient)
     return total
@@ -62,17 +68,22 @@ def project_onto_nominal(guidance: Vector, nominal: Vector) -> Vector:
     return plus(guidance, -opposing / square, nominal)
 
 
+def none(gradients: Sequence[Vector], factors: Sequence[float], _nominal: Vector) -> Vector:
+    """Projection ``none``."""
+    return weighted_sum(gradients, factors)
+
+
 def hierarchical(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
     """Projection ``hierarchical``: eqs. 14 and 15."""
     return project_onto_nominal(harmonize(gradients, factors), nominal)
 
 
-def cone(gradients: Sequence[Vector], factors: Sequence[float], nominal: Vector) -> Vector:
+def cone(gradients: Sequence[Vector], factors: Sequence[float], _nominal: Vector) -> Vector:
     """Projection ``cone``."""
-    total = weighted_sum(gradients, factors, nominal)
+    total = weighted_sum(gradients, factors)
     if _descends(total, gradients):
         return total
-    return _nearest_of_the_plane(total, gradients) if len(nominal) == 2 else _nearest(total, gradients)
+    return _nearest_of_the_plane(total, gradients) if len(total) == 2 else _nearest(total, gradients)
 
 
 def _nearest_of_the_plane(total: Vector, gradients: Sequence[Vector]) -> Vector:
@@ -129,7 +140,7 @@ def _descends(vector: Vector, gradients: Sequence[Vector]) -> bool:
 
 
 COMBINE: dict[Projection, Combine] = {
-    "none": weighted_sum,
+    "none": none,
     "hierarchical": hierarchical,
     "cone": cone,
 }

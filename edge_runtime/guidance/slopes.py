@@ -22,10 +22,11 @@ def action_slope(objective: Objective, outlook: Outlook, action: Sequence[float]
     motion, jacobian = outlook.forecast.at(action)
     try:
         slope = objective.evaluate(motion, outlook)
-        gradient, cost = jacobian.pull_back(slope), float(slope[0])
-        if type(total := cost + sum(gradient)) is not float:
+        gradient, cost = jacobian.pull_back(slope), slope[0]
+        total = cost + sum(gradient)
+        if not type(cost) is type(total) is float:
             # It may compute with numbers of another library, which no record could keep.
-            gradient, total = tuple(map(float, gradient)), float(total)
+            gradient, cost, total = tuple(map(float, gradient)), float(cost), float(total)
     except BaseException as error:  # one of the user's own may raise anything
         raise _raised(objective, error) from error
     if not math.isfinite(total):

@@ -15,17 +15,18 @@ def keep_clear(
 
     At one place the order of their numbers decides in which direction along x to leave it.
     """
-    x, y, _, _, z, *_ = motion
-    gain, cost, d_x, d_y, d_z = outlook.preview.position_gain, 0.0, 0.0, 0.0, 0.0
+    x, y, _, _, z, _, _, _ = motion
+    gain, cost, d_x, d_y, d_z, near = outlook.preview.position_gain, 0.0, 0.0, 0.0, 0.0, keep_m * keep_m
     for point in points:
-        dx, dy, dz = x - point.x, y - point.y, z - point.z
+        robot_id, to_x, to_y, _, _, to_z, _, _, _ = point
+        dx, dy, dz = x - to_x, y - to_y, z - to_z
         square = dx * dx + dy * dy + dz * dz
-        if square < keep_m * keep_m:
+        if square < near:
             distance = math.sqrt(square)
             cure = (keep_m - distance) / gain
             cost += 0.5 * cure * cure
             if distance == 0.0:
-                dx, distance = math.copysign(1.0, outlook.robot_id - point.robot_id), 1.0
+                dx, distance = math.copysign(1.0, outlook.robot_id - robot_id), 1.0
             push = cure / (gain * distance)
             d_x -= push * dx
             d_y -= push * dy
