@@ -9,11 +9,11 @@ after a deadline, the deadlines follow, by small steps that the grid allows.
 import math
 import select
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from edge_runtime.control.rate import DeadlineGrid
+from edge_runtime.control.rhythm import Rhythm
 
 PATIENCE: Final = 0.5
 """Share of a period that a tick waits for its pose at most; two ticks are never nearer than the rest."""
@@ -24,14 +24,10 @@ KEPT: Final = 2.5 * FRESH
 before it, would else be fresh for one tick and too old for the next, which would wait for another."""
 TOGETHER: Final = 0.1
 """Share of a period: poses that come within it count as one for the source's rhythm."""
+JUDGED: Final = 5
+"""Ticks that tell whether deadlines come too early."""
 BUSY: Final = 0.8
 """Share of a period by whose end a tick that has waited must be done."""
-SAME_PLACE: Final = 0.15
-"""Poses a period that differ less from a whole number come at the same places of each period."""
-REMEMBERED: Final = 5
-"""Intervals whose median is the source's rhythm, and ticks that tell whether deadlines come too early."""
-LOST: Final = 3
-"""So many poses may be lost in a row before none is expected any more."""
 
 
 WAKING_S: Final = 0.3e-3
@@ -52,45 +48,6 @@ class PoseSource(Protocol):
     def new_poses(self) -> Sequence[float]:
         """Take in what has arrived; returns when each pose was measured that came since the last call."""
         ...
-
-
-class Rhythm:
-    """When poses come, told by the newest ones.
-
-    Args:
-        together_s: poses that come within this time count as one.
-    """
-
-    def __init__(self, together_s: float) -> None:
-        self.newest_s = -math.inf
-        self.interval_s = math.inf
-        """Between two poses; infinite until that is known."""
-        self._together_s, self._counted_s = together_s, -math.inf
-        self._intervals: deque[float] = deque(maxlen=REMEMBERED)
-
-    def heard(self, pose_s: float) -> None:
-        """Take in when a pose was measured."""
-        self.newest_s = max(self.newest_s, pose_s)
-        interval_s = pose_s - self._counted_s
-        if interval_s < self._together_s:
-            return
-        self._counted_s = pose_s
-        if interval_s < math.inf:
-            self._intervals.append(interval_s)
-        if len(self._intervals) == REMEMBERED:
-            self.interval_s = sorted(self._intervals)[REMEMBERED // 2]
-
-    def repeats(self, period_s: float) -> bool:
-        """Whether several poses come in each period, always at the same places of it."""
-        poses = period_s / self.interval_s
-        return poses > 1.5 and abs(poses - round(poses)) < SAME_PLACE
-
-    def next_s(self, after_s: float, now_s: float) -> float:
-        """Return when the first pose after a time is expected; infinite if none is."""
-        if not now_s - self._counted_s <= (1 + LOST) * self.interval_s < math.inf:
-            return math.inf
-        ahead = math.ceil((after_s - self._counted_s) / self.interval_s)
-        return self._counted_s + max(1, ahead) * self.interval_s
 
 
 def lead_for(prepare: Callable[[], object], period_s: float) -> float:
@@ -151,43 +108,62 @@ class StateGrid(DeadlineGrid):
         self._look()
         kept = self._punctual and self._rhythm.repeats(self.period_s)
         fresh_s = (KEPT if kept else FRESH) * self.period_s
-        expected_s = self._rhythm.next_s(deadline_s - fresh_s, self._clock())
         patience_s = max(0.0, min(self._patience_s, BUSY * self.period_s - self._busy_s))
-        last_s = deadline_s + patience_s
-        waits = expected_s <= last_s
-        self._prepare_for(max(expected_s, deadline_s) if waits else deadline_s)
-        if waits:
-            self._await_pose(deadline_s - fresh_s, last_s)
-        self._sleep_until(deadline_s)
+        waited = self._await_pose(deadline_s - fresh_s, deadline_s, deadline_s + patience_s)
         early_s = deadline_s - self._rhythm.newest_s
         self._punctual = -FRESH * self.period_s <= early_s <= fresh_s
-        if waits:
+        if waited:
             self.due_s = max(deadline_s, self._rhythm.newest_s)
-        self._follow(expected_s - deadline_s)
+        self._follow(self._pose_s(deadline_s - fresh_s) - deadline_s)
+
+    def _await_pose(self, after_s: float, deadline_s: float, last_s: float) -> bool:
+        """Wait for the deadline and for a pose measured after a time; whether any was waited for.
+
+        What is expected is judged anew with each pose that comes, which may be sooner or later than thought.
+        """
+        lead_s, waited = self._lead_s or 0.0, False
+        while True:
+            begin_s, end_s = self._expect(after_s, deadline_s, last_s)
+            waited, now_s = waited or end_s > deadline_s, self._clock()
+            if now_s >= end_s:
+                return waited
+            until_s = begin_s - lead_s if lead_s else end_s
+            if now_s < until_s:
+                self._pass(until_s - now_s, after_s - now_s)
+            else:  # late for it, in vain: what is still cold then delays less than preparing would
+                if now_s < begin_s - 0.5 * lead_s:
+                    self._prepare()
+                lead_s = 0.0
+            self._look()
+
+    def _expect(self, after_s: float, deadline_s: float, last_s: float) -> tuple[float, float]:
+        """Return when the tick is likely to begin, and when it begins at the latest."""
+        pose_s = self._pose_s(after_s)
+        if self._rhythm.newest_s >= after_s or pose_s > last_s:
+            return deadline_s, deadline_s
+        return max(pose_s, deadline_s), last_s
+
+    def _pass(self, until_s: float, after_s: float) -> None:
+        """Wait for so long, or until something comes that matters: nothing does before the second time."""
+        if self._source and after_s <= 0.0:
+            self._listen(self._source, until_s)
+        else:
+            self._sleep(min(until_s, after_s) if self._source else until_s)
+
+    def _pose_s(self, after_s: float) -> float:
+        """Return when the first pose after a time was measured, or when it is expected."""
+        newest_s = self._rhythm.newest_s
+        return newest_s if newest_s >= after_s else self._rhythm.next_s(after_s, self._clock())
 
     def _follow(self, late_s: float) -> None:
         """Where every pose comes so late that patience might not last, have the deadlines put off."""
         if self._wish_s <= 0.0:
             self._late_s.append(late_s)
-        if len(self._late_s) == REMEMBERED:
+        if len(self._late_s) == JUDGED:
             least_s = min(self._late_s)
             if least_s < self.period_s:
                 self._wish_s = max(0.0, least_s - 0.5 * self._patience_s)
             self._late_s.clear()
-
-    def _prepare_for(self, begin_s: float) -> None:
-        if self._lead_s and self._lead_s < begin_s - self._clock():
-            self._sleep_until(begin_s - self._lead_s)
-            self._prepare()
-
-    def _await_pose(self, after_s: float, until_s: float) -> None:
-        self._look()
-        while self._source and self._rhythm.newest_s < after_s:
-            left_s = until_s - self._clock()
-            if left_s <= 0.0:
-                return
-            self._listen(self._source, left_s)
-            self._look()
 
     def _look(self) -> None:
         for pose_s in self._source.new_poses() if self._source else ():
