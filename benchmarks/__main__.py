@@ -16,6 +16,7 @@ COMMANDS = {
     "layout": "benchmarks.layout",
     "modes": "benchmarks.paper.modes.modes_command",
     "obstacles": "benchmarks.obstacles.obstacles_command",
+    "oracle": "benchmarks.paper.oracle.oracle_command",
     "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
     "pictures": "benchmarks.pictures",

@@ -104,7 +104,9 @@ class BalanceJudge:
         distance = world.nominal().double().numpy()
         ordered = self._in_order(position)
         on_goal = transition.succeeded.numpy() & ~transition.failed.numpy()
-        satisfied = on_goal & ordered & self._spaced(position)
+        errors = spacing_errors(position, self._definition)
+        spaced = (errors <= self._definition.spacing_tolerance_m).all(1)
+        satisfied = on_goal & ordered & spaced
         self._distance[self.running] = distance[self.running]
         self._disorder[self.running] = ~ordered[self.running]
         self._spread[self.running] = pair_distances(position)[self.running].std(1)
@@ -119,13 +121,6 @@ class BalanceJudge:
         """Every robot right of its predecessor in the order."""
         x = position[:, list(self._definition.spatial_order.order), 0]
         return (np.diff(x, axis=1) > 0.0).all(1)
-
-    def _spaced(self, position: Floats) -> Flags:
-        """Every robot's closest neighbour at the target distance, within the tolerance."""
-        apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
-        apart += np.diag(np.full(apart.shape[1], np.inf))
-        error = np.abs(apart.min(2) - self._definition.spacing.distance_m)
-        return (error <= self._definition.spacing_tolerance_m).all(1)
 
 
 class SamplingJudge:
@@ -185,3 +180,10 @@ def pair_distances(position: Floats) -> Floats:
 def cluster_radius(position: Floats) -> Floats:
     """Mean distance of the robots to their centroid, (E,)."""
     return np.linalg.norm(position - position.mean(1, keepdims=True), axis=-1).mean(1)
+
+
+def spacing_errors(position: Floats, definition: BalanceDefinition) -> Floats:
+    """How far every robot's closest neighbour is from the target distance, (E, N)."""
+    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    apart += np.diag(np.full(apart.shape[1], np.inf))
+    return np.abs(apart.min(2) - definition.spacing.distance_m)

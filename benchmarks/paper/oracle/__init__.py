@@ -1,0 +1,1 @@
+"""What the tasks allow: how policies fail, and whether a plan satisfies what no policy did."""
