@@ -80,15 +80,21 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Simulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What moves a simulated team: the table ``[simulation]``."""
 
-    plant: Literal["discs", "vmas"] = "discs"
-    """``discs``, which every robot's install has, or VMAS's own physics, a workstation's."""
+    plant: Literal["discs", "vmas", "mujoco"] = "discs"
+    """``discs``, which every robot's install has, or a workstation's: VMAS's own, or MuJoCo's wheels."""
     scenario: str | None = None
     """Of VMAS: which of the training's tasks its world is; it counts for that plant alone."""
     seed: int = 0
     """Of what a world draws, such as where its samples lie."""
+    base: Literal["husky", "limo", "limo_mecanum"] = "husky"
+    """Of MuJoCo, as all below: whose bodies, wheels and wheel controllers the robots have."""
+    friction: float = 0.7
+    """Between wheels and ground."""
+    payload_kg: float = 0.0
+    """What each robot carries on its top."""
 
     def __post_init__(self) -> None:
-        check_bounds(self, {"seed": (0, 2**31)})
+        check_bounds(self, {"seed": (0, 2**31), "friction": (0.05, 1.0), "payload_kg": (0.0, 100.0)})
 
 
 class Fleet(msgspec.Struct, frozen=True):

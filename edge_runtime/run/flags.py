@@ -62,8 +62,8 @@ def make_parser(*, robot_required: bool = True) -> CommandParser:
     )
     team.add_argument(
         "--task",
-        choices=TASKS,
-        help="a packaged fleet file instead (default: navigation); balance and sampling are moved by VMAS",
+        choices=(*TASKS, "husky"),
+        help="a packaged fleet file instead (navigation); VMAS moves balance and sampling, MuJoCo husky",
     )
     add("--policy", type=Path, metavar="DIR", help="policy bundle, or hf://owner/name; default: the fleet's")
     add(

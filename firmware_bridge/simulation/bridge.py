@@ -149,7 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant",
         choices=tuple(PLANTS),
-        help="what moves the simulated team (default: the fleet's, else discs); vmas is a workstation's",
+        help="what moves the simulated team (default: the fleet's, else discs); the others are workstations'",
     )
 
 

@@ -65,7 +65,9 @@ class PlantModule(NamedTuple):
     world: str = ""
     """For the harness: offers ``VmasWorld``; where empty, that is `firmware_bridge.sil.firmware.world`."""
     needs: str = ""
-    """A package without which there is none, and the extra that brings it."""
+    """A package without which there is none."""
+    extra: str = "train"
+    """The project's own that brings it."""
     carries: bool = False
     """Whether tracked objects go anywhere in it."""
 
@@ -75,6 +77,7 @@ PLANTS: Final = {
     "vmas": PlantModule(
         "export.scenarios.plant", "export.scenarios.firmware_world", needs="vmas", carries=True
     ),
+    "mujoco": PlantModule("firmware_bridge.simulation.wheels.plant", needs="mujoco", extra="mujoco"),
 }
 
 
@@ -84,10 +87,11 @@ def check_installed(name: str, source: str) -> None:
     Raises:
         ConfigError: says what to install.
     """
-    needs = PLANTS[name].needs
-    if needs and importlib.util.find_spec(needs) is None:
+    kind = PLANTS[name]
+    if kind.needs and importlib.util.find_spec(kind.needs) is None:
         raise ConfigError(
-            f"{source}: {name!r} needs a workstation's {needs}; run: pip install 'cfpg-edge[train]'"
+            f"{source}: {name!r} needs a workstation's {kind.needs}; "
+            f"run: pip install 'cfpg-edge[{kind.extra}]'"
         )
 
 

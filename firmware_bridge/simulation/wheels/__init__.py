@@ -1,0 +1,1 @@
+"""The plant ``mujoco``: robots on wheels that slip, in MuJoCo."""
