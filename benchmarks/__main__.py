@@ -24,6 +24,7 @@ COMMANDS = {
     "recording": "benchmarks.recording.recording_command",
     "sil": "benchmarks.sil.sil_command",
     "tasks": "benchmarks.paper.driven",
+    "team_size": "benchmarks.paper.team_size.team_size_command",
 }
 
 

@@ -1,4 +1,4 @@
-"""How often one robot could decide on this machine, with T Euler steps: Fig. 7's other axis."""
+"""How often one robot could decide on this machine: Fig. 7's other axis, and what larger teams cost."""
 
 import time
 
@@ -16,16 +16,28 @@ TICKS = 200
 
 
 def control_frequency(task: Task, bundle: Bundle, euler_steps: int) -> float:
-    """One over the median duration of a guided tick of the numpy runtime, in Hz."""
-    policy = FlowPolicy(bundle.weights, euler_steps) if bundle.weights else bundle.policy(1, euler_steps)
+    """One over the median processor time of a guided tick of the numpy runtime, in Hz."""
+    return 1.0 / tick_s(task, bundle, 3, euler_steps)
+
+
+def tick_s(task: Task, bundle: Bundle, mates: int, euler_steps: int | None = None) -> float:
+    """Median processor time of one robot's guided tick, on the numpy runtime.
+
+    Args:
+        task: whose objectives guide.
+        bundle: the policy.
+        mates: teammates, so close that the team's objectives are at work.
+        euler_steps: T; the bundle's own where None.
+    """
+    steps = euler_steps or bundle.manifest.euler_steps
+    policy = FlowPolicy(bundle.weights, steps) if bundle.weights else bundle.policy(1, steps)
     guide = make_guide(ObjectiveSet(task.objectives), bundle.manifest.motion)
     observation = np.zeros((1, policy.observation_dim), np.float32)
-    # Close enough to each other for the team's objectives to be at work.
-    mates = [Teammate(RobotState(k, 0.0, (0.1 * k, 0.1), (0.2, 0.0))) for k in range(1, 4)]
-    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.5, 0.0)), tuple(mates))
+    around = [Teammate(RobotState(k, 0.0, (0.1 * k, 0.1), (0.2, 0.0))) for k in range(1, mates + 1)]
+    team = TeamState(RobotState(0, 0.0, (0.0, 0.0), (0.5, 0.0)), tuple(around))
     durations = []
     for _ in range(TICKS):
-        begin = time.perf_counter()
+        begin = time.thread_time()
         guided_action(policy, observation, team, guide)
-        durations.append(time.perf_counter() - begin)
-    return float(1.0 / np.median(durations))
+        durations.append(time.thread_time() - begin)
+    return float(np.median(durations))

@@ -54,7 +54,8 @@ def _play_on(task: Task, make_decide: MakeDecide, setting: Setting, batch: Batch
     return late.outcome().satisfied
 
 
-def _navigation(world: Scenario, judge: Judge, play_on: PlayOn) -> list[str]:
+def navigation_kinds(world: Scenario, judge: Judge, play_on: PlayOn) -> list[str]:
+    """What each of E episodes of Navigation is called, if it was not satisfied."""
     outcome, limit = judge.outcome(), NAVIGATION.tolerance
     violated = _named({"speeding": outcome.first > limit, "margin": outcome.second > limit})
     touched = ~judge.running & (outcome.nominal == 0.0)
@@ -107,4 +108,4 @@ def _named(missed: Mapping[str, Flags]) -> list[str]:
     return [" + ".join(name for name, flag in zip(missed, row, strict=True) if flag) for row in rows.tolist()]
 
 
-KINDS = {"navigation": _navigation, "balance": _balance, "sampling": _sampling}
+KINDS = {"navigation": navigation_kinds, "balance": _balance, "sampling": _sampling}

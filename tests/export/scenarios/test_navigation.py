@@ -5,7 +5,7 @@ import torch
 import vmas
 
 from export.scenarios import make_scenario
-from export.scenarios.navigation import FACTS, RADIUS_M, SPAWN_DISTANCE_M
+from export.scenarios.navigation import FACTS, RADIUS_M, SPAWN_DISTANCE_M, Navigation
 
 CPU = torch.device("cpu")
 
@@ -40,6 +40,28 @@ def test_observation_holds_the_fields_in_the_manifests_order():
     torch.testing.assert_close(velocity, state["velocity"])
     torch.testing.assert_close(goal_offset, state["position"] - state["goal"])
     assert 0 <= proximity.min() < proximity.max() <= FACTS.body.lidar_range_m - RADIUS_M
+
+
+def test_robots_see_each_other_as_vmas_lets_them():
+    scenario = navigation(200, training=True)
+    env = vmas.make_env("navigation", num_envs=200, continuous_actions=True, seed=0)
+    for _ in range(10):
+        scenario.step(torch.rand(200, 4, 2) * 2 - 1)
+    position, _ = scenario.motion()
+    for i, agent in enumerate(env.agents):
+        agent.state.pos = position[:, i].contiguous()
+    theirs = torch.stack([env.scenario.observation(agent)[:, 6:] for agent in env.agents], 1)
+    assert (theirs > 0).sum() > 100
+    torch.testing.assert_close(scenario.observe()[..., 6:], theirs, atol=1e-5, rtol=0)
+
+
+def test_a_team_may_be_larger_and_its_robots_heavier():
+    scenario = Navigation(5, 0, CPU, training=False, robots=7, half_width_m=2.0, masses_kg=[1.0] * 6 + [2.0])
+    assert scenario.observe().shape == (5, 7, FACTS.observation_dim)
+    assert 1.5 < places(scenario).abs().max() <= 2.0
+    scenario.step(torch.ones(5, 7, 2))
+    _, velocity = scenario.motion()
+    torch.testing.assert_close(2 * velocity[:, 6], velocity[:, 0])
 
 
 def test_motion_is_what_the_policy_observes_of_itself():
