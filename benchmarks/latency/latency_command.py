@@ -1,18 +1,18 @@
 """``python -m benchmarks latency``: the tick beside everything that a user would pick instead."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
-from benchmarks.latency import actions, footprint, limit, loop, machine, paced
+from benchmarks.latency import actions, footprint, limit, loop, machine, orin_nano, paced, sixteen_bits
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, BudgetVerdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
-from benchmarks.latency.growth import estimate_orin_nano, grow
+from benchmarks.latency.growth import grow
 from benchmarks.latency.measure import Timing, interleave
 from benchmarks.latency.rows import LatencyRow, compare, make_rows
 from benchmarks.latency.sweeps import CONTENDERS as SWEPT
@@ -32,8 +32,8 @@ def main(arguments: Sequence[str]) -> int:
         text, quiet = loop.measure(short=flags.short)
         print(text)
         return 0 if quiet else 3
-    if flags.actions:
-        for line in actions.lines(actions.measure()):
+    if flags.actions or flags.jetson or flags.sixteen_bits:
+        for line in _small_part(flags):
             print(line)
         return 0
     if flags.html:
@@ -50,11 +50,21 @@ def main(arguments: Sequence[str]) -> int:
     return code
 
 
+def _small_part(flags: argparse.Namespace) -> Iterable[str]:
+    if flags.actions:
+        return actions.lines(actions.measure())
+    return [orin_nano.describe() if flags.jetson else sixteen_bits.measure()]
+
+
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = make_parser("latency", __doc__)
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
     parser.add_argument("--loop", action="store_true", help="the real loop from pose to command only")
     parser.add_argument("--actions", action="store_true", help="two, three and four action components only")
+    parser.add_argument("--jetson", action="store_true", help="the estimate for a Jetson Orin Nano only")
+    parser.add_argument(
+        "--sixteen-bits", action="store_true", help="what weights of sixteen bits would bring only"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there")
     parser.add_argument("--compare", type=Path, metavar="OLD", help="rows of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="for the page and pictures")
@@ -113,7 +123,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
         paced=[row for row in outcomes if isinstance(row, LatencyRow)],
         refusals=sorted({text for text in outcomes if isinstance(text, str)}),
         footprints=[footprint.measure(backend) for backend in ("numpy", "compiled")],
-        estimate=None if "Jetson" in machine_now.processor else estimate_orin_nano(default),
+        estimate="" if "Jetson" in machine_now.processor else orin_nano.describe(),
     )
     text = page.render(result)
     (out / "latency.md").write_text(text)
