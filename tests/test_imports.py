@@ -39,6 +39,7 @@ export.bundle export.common export.evaluation
 export.algorithms export.onnx export.scenarios
 export.episodes
 export.training
+export.schedule
 export
 benchmarks.common
 benchmarks.sil
@@ -51,6 +52,7 @@ benchmarks
 TABLES = {
     "edge_runtime.common.commands",
     "edge_runtime.run.bridges",
+    "export.schedule.job",
     "firmware_bridge.simulation.plants",
     "benchmarks.__main__",
 }

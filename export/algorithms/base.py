@@ -34,9 +34,13 @@ class TrainingSettings:
     """Whether what normalises observations goes on following them. A policy that changes little cannot
     follow it: where one begins well trained, it stays."""
     gradient_limit: float = 1.0
-    validation_every: int = 10
+    averaging: float = 0.95
+    """Share of the averaged weights that an update leaves in place: these are validated and deployed."""
+    validation_every: int = 25
     """Updates between two validations; a checkpoint follows every update."""
     validation_episodes: int = 512
+    guided_episodes: int = 256
+    """Of a validation, besides those: episodes that ask for execution objectives, too; 0: none."""
 
     @property
     def whole_frames(self) -> int:

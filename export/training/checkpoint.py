@@ -29,6 +29,8 @@ class RunIdentity:
     algorithm: str
     seed: int
     frames: int
+    averaging: float
+    """Of its weights; None in runs of earlier versions, which kept no averaged ones."""
     workers: int
     observation_dim: int
     action_dim: int

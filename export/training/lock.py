@@ -38,6 +38,12 @@ def locked(directory: Path) -> Iterator[None]:
             path.unlink(missing_ok=True)
 
 
+def wait_until_free(directory: Path) -> None:
+    """Wait for the end of a process that trains in a directory, if one does."""
+    with contextlib.suppress(FileNotFoundError), (directory / LOCK).open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+
+
 def _taken(descriptor: int) -> bool:
     """Lock a file, unless another has it or has just removed it."""
     try:

@@ -29,6 +29,8 @@ class MetricsRow:
     validation_return: float | None = None
     validation_success: float | None = None
     validation_failure: float | None = None
+    guided_success: float | None = None
+    """Of a validation's guided episodes: the share that satisfied task and execution objectives at once."""
     score: float | None = None
 
 
@@ -57,6 +59,7 @@ def draw_curve(path: Path, rows: list[MetricsRow], title: str, failure: str) -> 
     _plot(left, rows, "mean_return", "training", "-")
     _plot(left, rows, "validation_return", "validation", "o-")
     left.set(xlabel="team frames", ylabel="return of an episode")
+    _plot(right, rows, "guided_success", "task and objectives, guided", "s-")
     _plot(right, rows, "validation_success", "success, validation", "o-")
     _plot(right, rows, "success", "success, training", "-")
     _plot(right, rows, "failure", f"{failure}, training", "-")

@@ -41,6 +41,8 @@ class ProgressView:
         """Show where training stands."""
         if row.validation_success is not None:
             self._validated = f"validated {_percent(row.validation_success)}"
+            if row.guided_success is not None:
+                self._validated += f", guided {_percent(row.guided_success)}"
         text = (
             f"return {_number(row.mean_return)}  success {_percent(row.success)}  "
             f"{self._failure}s {_percent(row.failure)}  {self._validated}"

@@ -61,7 +61,7 @@ def check_request(request: Request, workers: int, settings: TrainingSettings | N
     frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
     settings = replace(settings, frames=frames)
     _check_shares(settings, workers)
-    identity = _identify(request, workers, frames)
+    identity = _identify(request, workers, settings)
     if saved:
         check_identity(request.out / CHECKPOINT, saved["identity"], identity)
     return Beginning(settings, identity, saved)
@@ -100,13 +100,14 @@ def _check_shares(settings: TrainingSettings, workers: int) -> None:
             raise ConfigError(f"--workers {workers} does not divide {total} {name}: choose one that does")
 
 
-def _identify(request: Request, workers: int, frames: int) -> RunIdentity:
+def _identify(request: Request, workers: int, settings: TrainingSettings) -> RunIdentity:
     actor = make_algorithm(request).actor
     return RunIdentity(
         scenario=request.scenario,
         algorithm=request.algorithm,
         seed=request.seed,
-        frames=frames,
+        frames=settings.frames,
+        averaging=settings.averaging,
         workers=workers,
         observation_dim=actor.observation_dim,
         action_dim=actor.action_dim,

@@ -12,12 +12,11 @@ from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
 from export.common.distributed import Workers
 from export.scenarios import make_scenario
-from export.scenarios.scenario import EpisodeMetrics
 from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
 from export.training.metrics import MetricsRow, draw_curve, write_table
 from export.training.request import Request, check_request, make_algorithm
 from export.training.trainer import Trainer
-from export.training.validation import Validation
+from export.training.validation import Validated, Validation
 from export.training.warm_start import warm_start
 
 
@@ -48,7 +47,7 @@ class TrainingRun:
             if request.warm_start:
                 self.trainer.adopt_critic(load(request.warm_start / CHECKPOINT)["trainer"])
         self._validation = Validation(
-            request.scenario, beginning.settings.validation_episodes, workers, preferred=request.preferred
+            request.scenario, beginning.settings, workers, preferred=request.preferred
         )
         self.rows: list[MetricsRow] = []
         self.best_score = float("-inf")
@@ -91,23 +90,25 @@ class TrainingRun:
             learning_rate=rate,
         )
 
-    def _validate(self) -> tuple[EpisodeMetrics, float]:
+    def _validate(self) -> Validated:
         """Keep the policy if none before was better."""
-        metrics, score = self._validation.run(self.trainer.algorithm)
-        if score >= self.best_score:
-            self.best_score = score
-            actor, facts = self.trainer.algorithm.actor, self._policy_facts()
-            self._write(lambda: save_policy(self._request.out, actor, facts))
-        return metrics, score
+        deployed = self.trainer.deployed
+        found = self._validation.run(deployed)
+        if found.score >= self.best_score:
+            self.best_score = found.score
+            facts = self._policy_facts()
+            self._write(lambda: save_policy(self._request.out, deployed.actor, facts))
+        return found
 
     def _validated(self, row: MetricsRow) -> MetricsRow:
-        metrics, score = self._validate()
+        found = self._validate()
         return replace(
             row,
-            validation_return=metrics.mean_return,
-            validation_success=metrics.success,
-            validation_failure=metrics.failure,
-            score=score,
+            validation_return=found.alone.mean_return,
+            validation_success=found.alone.success,
+            validation_failure=found.alone.failure,
+            guided_success=found.guided_success,
+            score=found.score,
         )
 
     def _policy_facts(self) -> PolicyFacts:

@@ -1,10 +1,12 @@
 """The on-policy loop that all algorithms share: collect, estimate advantages, update, count."""
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from export.algorithms.base import Algorithm, TrainingSettings
 from export.algorithms.gae import advantages
@@ -74,6 +76,10 @@ class Trainer:
         self._reward_moments = RunningMoments(1).to(workers.device)
         self._discounted = torch.zeros(scenario.environments, facts.robots, device=workers.device)
         self._rate = settings.learning_rate
+        self._averaged = AveragedModel(
+            algorithm.actor, multi_avg_fn=get_ema_multi_avg_fn(settings.averaging), use_buffers=True
+        )
+        self._averaged.update_parameters(algorithm.actor)
         self._optimizer = torch.optim.Adam(
             [{"params": algorithm.actor.parameters()}, {"params": self.critic.parameters()}], eps=1e-5
         )
@@ -83,12 +89,20 @@ class Trainer:
         """The actor's present learning rate."""
         return self._rate * self._decay()
 
+    @property
+    def deployed(self) -> Algorithm:
+        """The algorithm with the averaged weights (Polyak and Juditsky 1992): what validation drives."""
+        deployed = copy.copy(self.algorithm)
+        deployed.actor = self._averaged.module
+        return deployed
+
     def iterate(self) -> tuple[EpisodeMetrics | None, UpdateMetrics]:
         """Collect once and learn from it; returns what ended meanwhile and how the update went."""
         rollout = self.collector.collect(self.algorithm, self.settings.steps, self._value)
         metrics = self.update(self.prepare(rollout))
         if self.settings.moving_moments:
             self.algorithm.actor.moments.update(rollout.observation, self.workers)
+        self._averaged.update_parameters(self.algorithm.actor)
         self.frames += self.settings.environments * self.settings.steps
         return self.collector.tally.take(self.workers), metrics
 
@@ -135,6 +149,7 @@ class Trainer:
         return {
             "frames": self.frames,
             "actor": self.algorithm.actor.state_dict(),
+            "averaged": self._averaged.state_dict(),
             "critic": self.critic.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "reward_moments": self._reward_moments.state_dict(),
@@ -145,6 +160,7 @@ class Trainer:
         """Continue from what ``state_dict`` returned."""
         self.frames, self._rate = state["frames"], state["learning_rate"]
         self.algorithm.actor.load_state_dict(state["actor"])
+        self._averaged.load_state_dict(state["averaged"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.adopt_critic(state)
 

@@ -27,6 +27,7 @@ DURATION_S = "0.4"
 
 PARSED_ONLY = {
     r"export\.edge_train ": "trains for minutes; tests/export/training/test_run.py trains less",
+    r"export\.train_all ": "trains for hours; tests/export/test_train_all.py goes through the motions",
     r"sil\.edge_sil ": "starts a team for half a minute; its tests drive shorter ones",
     r"run .*--bus (?!sim )|--bridge mavlink": "needs firmware on a bus; edge-sil's tests have both",
     r"--bridge ros": "needs a robot's ROS; tests/firmware_bridge/ros/test_page.py runs the page beside one",

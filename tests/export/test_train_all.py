@@ -1,12 +1,17 @@
 """Training every policy of the tables: which commands, in which order, and what a failure leaves."""
 
+from threading import Event, Thread
+
 import pytest
 
 from edge_runtime.errors import ConfigError
-from export import train_all
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.edge_train import parse
-from export.train_all import FRAMES, jobs, main
+from export.schedule import pool
+from export.schedule.job import FRAMES, jobs, run
+from export.train_all import main
+from export.training.checkpoint import save
+from export.training.lock import locked, wait_until_free
 from export.training.request import ALGORITHMS, check_request
 
 
@@ -60,18 +65,46 @@ def events_of(monkeypatch, fails=lambda _job: False):
         job.bundle.mkdir(parents=True)
         (job.bundle / "manifest.json").touch()
 
-    monkeypatch.setattr(train_all, "run", run)
+    monkeypatch.setattr(pool, "run", run)
     return events
 
 
+def assert_each_begins_after_its_predecessor(events):
+    warm = [seed for event, algorithm, seed in events if (event, algorithm) == ("begun", "mafpo-warm")]
+    assert sorted(warm) == [0, 1]
+    for seed in warm:
+        begun = events.index(("begun", "mafpo-warm", seed))
+        assert events.index(("finished", "mappo", seed)) < begun
+
+
 @pytest.mark.parametrize("at_once", ["1", "3"])
-def test_warm_jobs_wait_until_all_others_are_there(tmp_path, monkeypatch, at_once):
+def test_a_warm_job_waits_for_the_one_that_it_begins_with(tmp_path, monkeypatch, at_once):
     events = events_of(monkeypatch)
     flags = ["--out", str(tmp_path), "--scenarios", "balance", "--seeds", "2", "--jobs", at_once]
     assert main([*flags, "--algorithms", "mafpo-warm", "mappo", "mafpo-chain"]) == 0
-    warm = [i for i, (_, algorithm, _) in enumerate(events) if algorithm == "mafpo-warm"]
     assert len(events) == 12
-    assert warm == list(range(8, 12))
+    assert_each_begins_after_its_predecessor(events)
+
+
+def test_workers_of_a_dask_cluster_train_in_this_process_stead(tmp_path, monkeypatch, capsys):
+    distributed = pytest.importorskip("distributed")
+    events = events_of(monkeypatch)
+    flags = ["--out", str(tmp_path), "--scenarios", "balance", "--seeds", "2"]
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    )
+    with cluster:
+        flags += ["--dask", cluster.scheduler_address]
+        assert main([*flags, "--algorithms", "mappo", "mafpo-warm"]) == 0
+    assert_each_begins_after_its_predecessor(events)
+    assert "with 2 at once" in capsys.readouterr().out
+
+
+def test_no_scheduler_at_the_address_is_one_line(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(pool, "CONNECT_S", 0.2)
+    assert main(["--out", str(tmp_path), "--dask", "tcp://127.0.0.1:9"]) == 2
+    assert "--dask tcp://127.0.0.1:9: no scheduler answers there" in capsys.readouterr().err
 
 
 def test_what_is_finished_is_not_trained_again(tmp_path, monkeypatch, capsys):
@@ -91,3 +124,51 @@ def test_a_failure_is_one_line_and_the_others_go_on(tmp_path, monkeypatch, capsy
     assert ("finished", "mappo", 1) in events
     lines = capsys.readouterr().out.splitlines()
     assert f"train_all: {tmp_path}/balance/mappo/seed-0: export.edge_train failed" in lines
+
+
+def test_the_cost_is_told_before_and_counts_what_is_left(tmp_path, monkeypatch, capsys):
+    events_of(monkeypatch)
+    flags = ["--out", str(tmp_path), "--scenarios", "balance", "--algorithms", "mappo", "--jobs", "2"]
+    half, speed = FRAMES["balance"] // 2, 1000
+    begun = job(tmp_path, "mappo", seed=0).directory
+    begun.mkdir(parents=True)
+    (begun / "metrics.csv").write_text(f"frames,seconds\n{half},{half / speed}\n")
+    assert main([*flags, "--seeds", "2"]) == 0
+    told = capsys.readouterr().out
+    hours = 3 * half / speed / 3600
+    assert f"2 to train: {3 * half / 1e6:.1f} million frames, {hours:.1f} core hours" in told
+    assert f"about {hours / 2:.1f} h with 2 at once" in told
+
+
+def test_a_run_of_another_budget_is_no_policy_of_the_tables(tmp_path, capsys):
+    wanted = job(tmp_path, "mappo", seed=0)
+    wanted.directory.mkdir(parents=True)
+    save(wanted.directory / "checkpoint.pt", {"identity": {"frames": 700_000}})
+    flags = ["--out", str(tmp_path), "--scenarios", "balance", "--algorithms", "mappo", "--seeds", "1"]
+    assert main(flags) == 2
+    said = capsys.readouterr().err
+    assert f"was trained for 700000 frames, not {FRAMES['balance']}: choose another --out" in said
+
+
+def test_what_edge_train_says_is_what_is_told(tmp_path):
+    wanted = begun(job(tmp_path, "mappo"))
+    with pytest.raises(ConfigError, match=r"checkpoint\.pt is damaged or not a checkpoint"):
+        run(wanted)
+    assert "is damaged" in (wanted.directory / "log.txt").read_text()
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path):
+    (tmp_path / "balance").touch()
+    with pytest.raises(ConfigError, match="nothing can be written there"):
+        run(job(tmp_path, "mappo"))
+
+
+def test_a_process_left_behind_is_waited_for(tmp_path):
+    freed = Event()
+    with locked(tmp_path):
+        waiter = Thread(target=lambda: (wait_until_free(tmp_path), freed.set()))
+        waiter.start()
+        assert not freed.wait(0.1)
+    waiter.join()
+    assert freed.is_set()
+    wait_until_free(tmp_path)

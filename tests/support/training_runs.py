@@ -17,6 +17,7 @@ SETTINGS = TrainingSettings(
     minibatch=96,
     validation_every=3,
     validation_episodes=4,
+    guided_episodes=0,
 )
 
 

@@ -130,6 +130,14 @@ def test_checkpoint_of_another_shape_is_refused(finished, tmp_path):
         TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
 
 
+def test_checkpoint_of_a_version_without_averaged_weights_is_refused(finished, tmp_path):
+    state = load(finished / "checkpoint.pt")
+    del state["identity"]["averaging"], state["trainer"]["averaged"]
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(ConfigError, match=r"averaging None, not 0\.95"):
+        TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
+
+
 def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
     with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
         check_request(request(finished), 1)

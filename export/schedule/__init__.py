@@ -1,0 +1,1 @@
+"""Training many policies: which, at what cost, on which machines."""
