@@ -31,7 +31,7 @@ class Facts:
         self.vehicle = Vehicle(profile)
         self.clock = Clock()
         self.estimate = Estimate(robot_id, self.clock, options.origin_m, ahead_m, options.motion.dims)
-        self.soundness = Soundness()
+        self.soundness = Soundness(options.motion.dims)
         self._profile = profile
         self._parameters: dict[str, float] = {}
 

@@ -8,6 +8,7 @@ and AP_GPS.cpp: the time stamp of GPS_RAW_INT is that of the last fix.
 import math
 from typing import Final
 
+from edge_runtime.messages import Vector
 from firmware_bridge.mavlink.messages import EstimatorStatus, GpsFix, LocalPosition, Odometry
 
 LONGEST_STATUS_S: Final = 2.0
@@ -28,9 +29,14 @@ _FIX_3D = 3
 
 
 class Soundness:
-    """Follows what an autopilot says of its own estimate; silent about what it never told."""
+    """Follows what an autopilot says of its own estimate; silent about what it never told.
 
-    def __init__(self) -> None:
+    Args:
+        dims: components of a position that count: 2 in the plane, 3 in space.
+    """
+
+    def __init__(self, dims: int = 2) -> None:
+        self._dims = dims
         self._status: EstimatorStatus | None = None
         self._status_s = self._accepted_s = 0.0
         self._fix: GpsFix | None = None
@@ -88,7 +94,7 @@ class Soundness:
     def _compare(
         self, before: LocalPosition | Odometry, now: LocalPosition | Odometry, arrived_s: float, now_s: float
     ) -> None:
-        apart_m = math.dist(before.position_m, now.position_m)
+        apart_m = math.dist(self._place(before), self._place(now))
         clock_s = now.boot_s - before.boot_s
         if abs(clock_s - arrived_s) > LARGEST_CLOCK_JUMP_S:
             self._notice(
@@ -98,12 +104,16 @@ class Soundness:
             )
         elif isinstance(before, Odometry) and isinstance(now, Odometry) and before.resets != now.resets:
             self._notice("the estimator set its position anew", now_s)
-        elif apart_m > LARGEST_JUMP_M + _speed(now) * max(clock_s, 0.0):
+        elif apart_m > LARGEST_JUMP_M + self._speed(now) * max(clock_s, 0.0):
             self._notice(f"the position jumped by {apart_m:.1f} m", now_s)
 
     def _notice(self, jump: str, now_s: float) -> None:
         self._jump, self._jump_s = jump, now_s
 
+    def _place(self, pose: LocalPosition | Odometry) -> Vector:
+        return (*pose.position_m, pose.down_m)[: self._dims]
 
-def _speed(pose: LocalPosition | Odometry) -> float:
-    return math.hypot(*(pose.velocity_m_s if isinstance(pose, LocalPosition) else pose.body_velocity_m_s))
+    def _speed(self, pose: LocalPosition | Odometry) -> float:
+        if isinstance(pose, LocalPosition):
+            return math.hypot(*(*pose.velocity_m_s, pose.down_m_s)[: self._dims])
+        return math.hypot(*(*pose.body_velocity_m_s, pose.body_down_m_s)[: self._dims])

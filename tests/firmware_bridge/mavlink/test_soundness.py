@@ -84,6 +84,24 @@ class TestJumps:
         sound.on_pose(position(1.02, x), 11.02)
         assert (sound.fault(11.02) == "") is fits
 
+    @pytest.mark.parametrize(("dims", "up_m", "up_m_s", "fits"), [
+        (2, 3.0, 0.0, True),
+        (3, 0.5, 0.0, True),
+        (3, 0.7, 0.0, False),
+        (3, -3.0, 0.0, False),
+        (3, 0.7, 20.0, True),
+    ])  # fmt: skip
+    def test_a_height_counts_where_robots_fly(self, dims, up_m, up_m_s, fits):
+        sound = Soundness(dims)
+        sound.on_pose(LocalPosition(1.0, (0.0, 0.0), (0.0, 0.0)), 11.0)
+        sound.on_pose(LocalPosition(1.02, (0.0, 0.0), (0.0, 0.0), -up_m, -up_m_s), 11.02)
+        assert (sound.fault(11.02) == "") is fits
+        level = (1.0, 0.0, 0.0, 0.0)
+        sound = Soundness(dims)
+        sound.on_pose(Odometry(1.0, (0.0, 0.0), (0.0, 0.0), level, 0.0, 0), 11.0)
+        sound.on_pose(Odometry(1.02, (0.0, 0.0), (0.0, 0.0), level, 0.0, 0, -up_m, -up_m_s), 11.02)
+        assert (sound.fault(11.02) == "") is fits
+
     def test_after_a_gap_it_may_be_further(self, sound):
         sound.on_pose(position(1.0), 11.0)
         sound.on_pose(position(3.0, 1.4), 13.0)
