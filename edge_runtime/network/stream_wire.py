@@ -83,9 +83,11 @@ class StreamFrame(msgspec.Struct, frozen=True, gc=False):
         half = len(motion) // 2
         return Pose(tuple(motion[:half]), tuple(motion[half:]), heading, yaw_rate)
 
-    def tracked(self, name: str, age_s: float, goal_m: Vector2 | None) -> TrackedObject:
-        """Return what a frame of kind OBJECT says of the object of that name."""
-        return TrackedObject(name, self.stamp_s, *self.pose(), age_s, goal_m)
+    def tracked(self, name: str, age_s: float, goal_m: Vector2 | None, dims: int) -> TrackedObject:
+        """Return what a frame of kind OBJECT says of the object of that name, in so many dimensions."""
+        position, velocity, heading, yaw_rate = self.pose()
+        place = position[:dims], velocity[:dims]
+        return TrackedObject(name, self.stamp_s, *place, heading, yaw_rate, age_s, goal_m)
 
 
 def encode_stream(frame: StreamFrame, key: bytes) -> bytes:

@@ -79,7 +79,13 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
 
 def apart(one: Vector, other: Vector) -> Vector:
-    """``one`` minus ``other``."""
+    """``one`` minus ``other``.
+
+    Raises:
+        SourceError: if one lies in the plane and the other in space.
+    """
+    if len(one) != len(other):
+        raise SourceError(f"it has {len(one)} components, and what it is compared with {len(other)}")
     return tuple(a - b for a, b in zip(one, other, strict=True))
 
 

@@ -3,7 +3,6 @@
 import importlib
 import math
 import time
-from types import TracebackType
 from typing import Final, Protocol
 
 from edge_runtime.common.closing import Closing
@@ -63,12 +62,7 @@ class TeamLink(Protocol):
         """Join the team."""
         ...
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave it; the others will find this robot silent."""
         ...
 
@@ -269,22 +263,24 @@ def _carrier(
 
 def _streams(fleet: Fleet, robot: Robot, manifest: Manifest, key: bytes, carrier: Carrier) -> Streams:
     pose = ranges = axes = None
+    dims = manifest.motion.dims
     if robot.pose_place:
-        values = 2 * manifest.motion.dims + 2
+        values = (2 * dims + 2,)
         pose = Stream(POSE_SOURCE, robot.id, Kind.POSE_REQUEST, Kind.POSE, values, key, carrier)
         axes = action_axes(manifest)
-    rays = manifest.body.lidar_rays
+    rays = (manifest.body.lidar_rays,)
     if robot.ranges_place:
         ranges = Stream(RANGES_SOURCE, robot.id, Kind.RANGES_REQUEST, Kind.RANGES, rays, key, carrier)
     objects, sensors = [], []
+    motions = [2 * told + 2 for told in (2, 3) if told >= dims]
     for index, each in enumerate(fleet.tracked):
         kinds = (Kind.OBJECT_REQUEST, Kind.OBJECT)
-        stream = Stream(FIRST_SOURCE - index, robot.id, *kinds, None, key, carrier, each.name)
+        stream = Stream(FIRST_SOURCE - index, robot.id, *kinds, motions, key, carrier, each.name)
         objects.append((stream, each.goal_m))
     for index, name in enumerate(robot.sensors, len(fleet.tracked)):
         kinds = (Kind.SENSOR_REQUEST, Kind.SENSOR)
         sensors.append(Stream(FIRST_SOURCE - index, robot.id, *kinds, None, key, carrier, name))
-    return Streams(robot.id, pose, ranges, key, objects, sensors, axes)
+    return Streams(robot.id, pose, ranges, key, objects, sensors, axes, dims)
 
 
 def _rules(mission: Mission, settings: CarrierSettings, others: tuple[int, ...]) -> TeamRules:

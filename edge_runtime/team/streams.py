@@ -39,7 +39,7 @@ class Stream:
         robot_id: of this robot.
         request: the kind of its requests.
         content: the kind of what it wants.
-        values: how many a frame must have; any number that the kind allows where None.
+        values: how many a frame may have; any number that the kind allows where None.
         key: the team's.
         carrier: takes the requests.
         name: of the object or sensor that it tells of; empty where the kind says all.
@@ -51,7 +51,7 @@ class Stream:
         robot_id: int,
         request: Kind,
         content: Kind,
-        values: int | None,
+        values: Sequence[int] | None,
         key: bytes,
         carrier: Carrier,
         name: str = "",
@@ -84,7 +84,7 @@ class Stream:
 
     def admit(self, frame: StreamFrame, arrival_s: float) -> None:
         """Take in an authentic frame for this robot; raises FrameError if it is of no use."""
-        if self._values not in (None, len(frame.values)):
+        if self._values is not None and len(frame.values) not in self._values:
             raise FrameError(Refusal.MALFORMED)
         self._session.admit(frame, arrival_s)
         self._new.append(self._session.measured_s)
@@ -112,6 +112,7 @@ class Streams:
         objects: the tracked objects' streams, each with where the object is to go, if anywhere.
         sensors: the streams of further sensors.
         axes: how commands are turned for a base whose pose comes as a stream.
+        dims: components of its position; of objects that are told in space the plane's count in a plane.
     """
 
     def __init__(
@@ -123,13 +124,14 @@ class Streams:
         objects: Sequence[tuple[Stream, Vector2 | None]] = (),
         sensors: Sequence[Stream] = (),
         axes: ActionAxes | None = None,
+        dims: int = 2,
     ) -> None:
         self.pose = pose
         self._robot_id, self._ranges, self._key = robot_id, ranges, key
         self._objects, self._sensors, self._axes = objects, sensors, axes or ActionAxes()
         every = (pose, ranges, *(stream for stream, _ in objects), *sensors)
         self._all = {(stream.content, stream.tag): stream for stream in every if stream}
-        self._turn_rad = 0.0
+        self._turn_rad, self._dims = 0.0, dims
 
     def ask(self, now_s: float) -> None:
         """Ask every source that is due."""
@@ -169,7 +171,9 @@ class Streams:
         """Return the tracked objects that were heard of."""
         heard = ((stream.name, stream.newest(), goal_m) for stream, goal_m in self._objects)
         return tuple(
-            newest.tracked(name, now_s - newest.stamp_s, goal_m) for name, newest, goal_m in heard if newest
+            newest.tracked(name, now_s - newest.stamp_s, goal_m, self._dims)
+            for name, newest, goal_m in heard
+            if newest
         )
 
     def readings(self) -> tuple[Reading, ...]:

@@ -52,8 +52,10 @@ class Discs:
         ]
 
     def objects(self) -> Sequence[Motion]:
-        """The tracked objects', at rest."""
-        return [Motion(each.start_m, (0.0,) * len(each.start_m)) for each in self._mission.fleet.tracked]
+        """The tracked objects', at rest; among robots in space on the ground."""
+        dims = self._mission.bundle.manifest.motion.dims
+        tracked, rest = self._mission.fleet.tracked, (0.0,) * dims
+        return [Motion((*each.start_m, 0.0)[:dims], rest) for each in tracked]
 
     def obstacles(self) -> Sequence[Disc]:
         """As they are now."""

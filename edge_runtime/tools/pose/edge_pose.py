@@ -76,7 +76,7 @@ def _check_robots(
     poses: Sequence[int],
     ranges: Sequence[int],
     objects: Sequence[str],
-    flying: Sequence[int],
+    flying: Sequence[int | str],
     file: Path,
 ) -> None:
     for sample in samples:
@@ -84,6 +84,10 @@ def _check_robots(
             if sample.object not in objects:
                 known = ", ".join(map(repr, objects)) or "none"
                 raise ConfigError(f"{file}: object {sample.object!r} is not told from here; allowed: {known}")
+            if sample.z is None and sample.object in flying:
+                raise ConfigError(
+                    f"{file}: object {sample.object!r} is among robots in space: its poses need z"
+                )
         elif sample.robot not in (poses if sample.ranges is None else ranges):
             kind = "poses" if sample.ranges is None else "ranges"
             raise ConfigError(f"{file}: robot {sample.robot} does not get its {kind} from here")
@@ -109,7 +113,8 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
     samples = read_recording(flags.replay) if flags.replay else []
     objects = [each for each in fleet.tracked if each.pose_place == place]
     names = [each.name for each in objects]
-    flying = [robot.id for robot in fleet.robots if len(robot.start_m) == 3]
+    flying: list[int | str] = [robot.id for robot in fleet.robots if len(robot.start_m) == 3]
+    flying += names if flying else []
     _check_robots(samples, poses, ranges, names, flying, flags.replay)
     if flags.natnet:
         _check_bodies(fleet, objects)

@@ -99,7 +99,7 @@ class NatNetFeed(Closing):
         server: Motive's IP address.
         carriers: who carries a rigid body, a robot's id or an object's name, by the body's streaming id.
         up: see `edge_runtime.tools.pose.natnet.Up`.
-        flying: ids of the robots that move in space.
+        flying: ids of the robots that move in space, and names of the objects among them.
 
     Raises:
         ConfigError: if nobody answers there, or speaks a version that is not read here.
@@ -111,7 +111,7 @@ class NatNetFeed(Closing):
         carriers: Mapping[int, Subject],
         up: Up,
         port: int = COMMAND_PORT,
-        flying: Collection[int] = (),
+        flying: Collection[int | str] = (),
     ) -> None:
         self._place, self._carriers, self._up, self._flying = (server, port), carriers, up, flying
         self._fits: dict[Subject, MotionFit] = defaultdict(MotionFit)

@@ -9,6 +9,7 @@ from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState, TrackedObject
 from edge_runtime.motion.model import preview
+from edge_runtime.motion.models import PointAcceleration
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import SafetyMargin, TrackedMargin
 from edge_runtime.policy.bundle import packaged_bundle
@@ -36,14 +37,28 @@ def test_an_object_is_kept_clear_of_as_a_teammate_that_stands_there(backend):
     assert of_object != action(TrackedMargin(object="window", distance_m=0.4), tracked, backend)
 
 
+WALKING = TrackedObject("person", 0.0, (1.0, 2.0, 0.5), (0.5, -1.0, 0.25), 0.1, 0.2)
+FLYING = PointAcceleration(dt_s=0.1, dims=3)
+
+
 def test_an_object_goes_on_as_it_moves():
-    walking = TrackedObject("person", 0.0, (1.0, 2.0, 0.5), (0.5, -1.0, 0.25), 0.1, 0.2)
-    (seen,) = look_ahead(
-        TeamState(OWN, tracked=(walking,)), preview(BUNDLE.manifest.motion, 3), horizon_s=0.3
-    ).tracked
+    own = RobotState(0, 0.0, (0.0, 0.0, 1.0), (0.2, 0.0, 0.0))
+    (seen,) = look_ahead(TeamState(own, tracked=(WALKING,)), preview(FLYING, 3), horizon_s=0.3).tracked
     assert seen == pytest.approx(("person", 1.15, 1.7, 0.5, -1.0, 0.575, 0.25, 0.16, 0.2))
+    (flat,) = look_ahead(
+        TeamState(OWN, tracked=(WALKING,)), preview(BUNDLE.manifest.motion, 3), horizon_s=0.3
+    ).tracked
+    assert flat == pytest.approx(("person", 1.15, 1.7, 0.5, -1.0, 0.0, 0.0, 0.16, 0.2))
     guide = guide_for(BUNDLE.manifest, ObjectiveSet((TrackedMargin(object="a", distance_m=1.0),)))
     assert guide.horizons_s == pytest.approx((0.3,))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_a_marker_on_the_head_is_kept_clear_of_like_one_on_the_floor(backend):
+    margin = TrackedMargin(object="person", distance_m=0.4)
+    tall = TrackedObject("person", 0.0, (*PERSON.position_m, 1.8), (0.0, 0.0, 0.0))
+    low, high = (action(margin, TeamState(OWN, tracked=(each,)), backend) for each in (PERSON, tall))
+    assert low == high
 
 
 def test_an_object_that_nobody_tracks_is_refused_in_one_line(tmp_path, capsys):

@@ -197,6 +197,11 @@ LACKING = [
         "observation to: the pose of tracked object 'load' is not known",
     ),
     (
+        TrackedOffset("to", 0, "m", object="load"),
+        replace(ALONE, tracked=(replace(LOAD, position_m=(1.0, 0.0, 2.0), velocity_m_s=(0.0, 0.0, 0.0)),)),
+        "observation to: it has 2 components, and what it is compared with 3",
+    ),
+    (
         TrackedGoalOffset("go", 0, "m", object="load"),
         replace(ALONE, tracked=(LOAD,)),
         "observation go: tracked object 'load' has no goal_m in the fleet file",

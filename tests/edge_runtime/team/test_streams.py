@@ -247,7 +247,7 @@ def test_what_holds_the_key_but_makes_no_sense_is_refused(kind, wrong, cause):
 
 
 def test_ranges_of_another_sensor_are_refused():
-    stream = Stream(-2, 0, Kind.RANGES_REQUEST, Kind.RANGES, RAYS, KEY, None)
+    stream = Stream(-2, 0, Kind.RANGES_REQUEST, Kind.RANGES, (RAYS,), KEY, None)
     streams = Streams(0, None, stream, KEY)
     packet = encode_stream(StreamFrame(Kind.RANGES, 0, 2, 3, 4, 5, 6.0, (0.1,) * (RAYS - 1)), KEY)
     with pytest.raises(FrameError) as caught:

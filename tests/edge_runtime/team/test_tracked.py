@@ -81,7 +81,7 @@ def test_objects_and_sensors_are_seen_under_their_names(path, place):
     package, person = view.tracked
     assert (package.name, package.position_m, package.velocity_m_s) == ("package", (1.0, 2.0), (0.1, 0.2))
     assert (package.heading_rad, package.yaw_rate_rad_s, package.goal_m) == (0.5, -0.3, (0.5, 0.7))
-    assert (person.position_m, person.velocity_m_s, person.goal_m) == ((3.0, 4.0, 5.0), (0.0, 0.0, 0.0), None)
+    assert (person.position_m, person.velocity_m_s, person.goal_m) == ((3.0, 4.0), (0.0, 0.0), None)
     assert 0.0 <= package.age_s <= 0.1
     (reading,) = view.readings
     assert (reading.sensor, reading.values) == ("samples", (0.5, 0.25))

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import math
+import re
 import select
 import socket
 import struct
@@ -349,4 +350,15 @@ def test_a_robot_of_the_plane_has_no_height(path, tmp_path, capsys):
     file.write_text('{"t": 0, "robot": 0, "x": 1, "y": 2, "z": 3}\n')
     assert command.main(["--fleet", str(path), "--replay", str(file)]) == 2
     said = f"{file}: robot 0 moves in the plane: its poses have no z"
+    assert said in capsys.readouterr().err
+
+
+def test_an_object_among_robots_in_space_has_a_height(path, tmp_path, capsys):
+    flat = path.read_text().replace("[0, ", "[0, 0, ").replace("[1, ", "[1, 0, ")
+    place = re.search(r'pose = "(.*?)"', flat)[1]
+    path.write_text(f'{flat}[[tracked]]\nname = "person"\npose = "{place}"\n')
+    file = tmp_path / "poses.jsonl"
+    file.write_text('{"t": 0, "object": "person", "x": 1, "y": 2}\n')
+    assert command.main(["--fleet", str(path), "--replay", str(file)]) == 2
+    said = f"{file}: object 'person' is among robots in space: its poses need z"
     assert said in capsys.readouterr().err
