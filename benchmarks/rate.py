@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.common.episode import ticks
-from benchmarks.common.flags import COUNT, make_parser
+from benchmarks.common.flags import COUNT, add_result, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.common.result_page import table
 from benchmarks.obstacles.worlds import scattered
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str]) -> int:
     """Drive at all rates, print, write the rows."""
     parser = make_parser("rate", __doc__)
     parser.add_argument("--episodes", type=COUNT, default=500, help="of each row (500)")
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="where the rows go")
+    add_result(parser, RESULTS)
     flags = parser.parse_args(arguments)
     bundle = packaged_bundle("navigation")
     rows = [measure(rate, bundle, flags.episodes, guided=g) for g in (True, False) for rate in RATES_HZ]

@@ -26,10 +26,15 @@ def add_policies(parser: CommandParser) -> None:
     )
 
 
+def add_result(parser: CommandParser, rows: Path) -> None:
+    """Add ``--json``."""
+    parser.add_argument("--json", type=Path, default=rows, metavar="FILE", help="where the rows go")
+
+
 def add_rows(parser: CommandParser, tasks: tuple[str, ...], episodes: int, rows: Path) -> None:
     """Add what an evaluation asks: ``--tasks``, ``--episodes``, ``--policies``, ``--jobs``, ``--json``."""
     parser.add_argument("--tasks", nargs="*", choices=tasks, default=tasks, help="(all)")
     parser.add_argument("--episodes", type=COUNT, default=episodes, help=f"of each row ({episodes})")
     add_policies(parser)
     parser.add_argument("--jobs", type=COUNT, default=2, metavar="N", help="processes (2)")
-    parser.add_argument("--json", type=Path, default=rows, metavar="FILE", help="the rows")
+    add_result(parser, rows)

@@ -7,7 +7,7 @@ what was measured, from the rows of ``python -m benchmarks faults``. Nothing is 
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.common.flags import make_parser
+from benchmarks.common.flags import add_result, make_parser
 from benchmarks.common.result_file import read_result
 from benchmarks.common.result_page import table
 from benchmarks.faults.faults_command import RESULTS
@@ -80,7 +80,7 @@ def _measured(row: FaultRow | None) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Print the table and put it into its page."""
     parser = make_parser("failsafe", __doc__)
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the measured rows")
+    add_result(parser, RESULTS)
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="where the table stands")
     options = parser.parse_args(arguments)
     text = failsafe_table(read_result(options.json, list[FaultRow], default=[]))

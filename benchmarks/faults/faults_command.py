@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.common.flags import COUNT, make_parser
+from benchmarks.common.flags import COUNT, add_result, make_parser
 from benchmarks.common.result_file import read_result, replaced, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
 from benchmarks.faults.bad_commands import count_passed
@@ -89,7 +89,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     add_ros = parser.add_argument_group("robots of ROS alone, in place of the others").add_argument
     add_ros("--ros1", dest="ros", action="append_const", const=Ros1Robot, help="by rosmaster and rospy")
     add_ros("--ros2", dest="ros", action="append", type=ros2_robot, metavar="DIR", help="by rclpy in DIR")
-    parser.add_argument("--json", type=Path, default=RESULTS, help="where the rows go")
+    add_result(parser, RESULTS)
     add_html_flag(parser)
     options = parser.parse_args(arguments)
     options.ros = options.ros or []

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.common.episode import ticks
-from benchmarks.common.flags import COUNT, make_parser
+from benchmarks.common.flags import COUNT, add_result, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.obstacles.worlds import world
 from edge_runtime.common.flag_types import whole_number
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--first-seed", type=whole_number(0, 10**9), default=FIRST_SEED, metavar="N", help=f"({FIRST_SEED})"
     )
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="where the rows go")
+    add_result(parser, RESULTS)
     flags = parser.parse_args(arguments)
     rows = [measure(way, flags.episodes, flags.first_seed) for way in WAYS]
     for row in rows:

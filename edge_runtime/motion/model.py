@@ -103,6 +103,11 @@ def velocity_gains(model: Model, steps: int) -> list[float]:
 class LinearModel(Model, frozen=True):
     """A model whose Jacobian is the same everywhere; it states the axes of one step."""
 
+    @property
+    def action_dim(self) -> int:
+        """One component an axis, unless a model says otherwise."""
+        return self.dims + self.turns
+
     def axes(self) -> tuple[Axis, ...]:
         """One step along x, y, in space z, and then, of a model that turns, of the heading."""
         raise NotImplementedError

@@ -56,11 +56,6 @@ class PointForce(LinearModel, frozen=True, tag="point_force"):
         """See `Model.turns`."""
         return self.inertia_kg_m2 is not None
 
-    @property
-    def action_dim(self) -> int:
-        """See `Model.action_dim`."""
-        return self.dims + self.turns
-
     def axes(self) -> tuple[Axis, ...]:
         """See `LinearModel.axes`."""
         rows, step = unit_rows(self.action_dim), (self.dt_s, self.substeps)
@@ -113,11 +108,6 @@ class PointAcceleration(LinearModel, frozen=True, tag="point_acceleration"):
     def turns(self) -> bool:
         """See `Model.turns`."""
         return self.angular
-
-    @property
-    def action_dim(self) -> int:
-        """See `Model.action_dim`."""
-        return self.dims + self.angular
 
     def axes(self) -> tuple[Axis, ...]:
         """See `LinearModel.axes`."""

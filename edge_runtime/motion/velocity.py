@@ -44,11 +44,6 @@ class VelocityLag(LinearModel, frozen=True, tag="velocity"):
         """See `Model.turns`."""
         return self.angular
 
-    @property
-    def action_dim(self) -> int:
-        """See `Model.action_dim`."""
-        return self.dims + self.angular
-
     def axes(self) -> tuple[Axis, ...]:
         """See `LinearModel.axes`."""
         rows = unit_rows(self.action_dim)

@@ -1,11 +1,40 @@
-"""The cost of being too near to points, which several objectives share."""
+"""The cost of being too near to points, and the base of the objectives that have it."""
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import ClassVar
 
 from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
-from edge_runtime.objectives.objective import Slope
+from edge_runtime.objectives.objective import Objective, Quantity, Slope
+
+
+class Clearance(Objective, frozen=True, kw_only=True):
+    """Keep a distance from points: J = 1/2 sum (shortfall / position gain)^2."""
+
+    of: ClassVar[Quantity] = "position"
+    look_ahead: int = 3
+    distance_m: float
+    """Of the robot's centre from the other robots' or the object's, or from the surface that is seen."""
+    buffer_m: float = 0.02
+    """Guidance starts this far outside the margin."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require_positive("distance_m")
+        self.require_not_negative("buffer_m")
+
+    def points(self, outlook: Outlook) -> Iterable[Neighbour]:
+        """What to keep clear of."""
+        raise NotImplementedError
+
+    def evaluate(self, motion: PredictedMotion, outlook: Outlook) -> Slope:
+        """Cost and slope at one robot's predicted motion."""
+        return keep_clear(motion, self.points(outlook), self.distance_m + self.buffer_m, outlook)
+
+    def encode(self, outlook: Outlook) -> Sequence[float]:
+        """See `encode_clear`: to the kernel all points are neighbours."""
+        return encode_clear(self.points(outlook), self.distance_m + self.buffer_m, outlook)
 
 
 def keep_clear(

@@ -33,32 +33,39 @@ class _Nearest(Source, frozen=True, kw_only=True):
         return values + [0.0] * (self.size - len(values))
 
 
-class TeammateOffsets(_Nearest, frozen=True, kw_only=True, tag="teammate_offsets"):
+class _Relative(_Nearest, frozen=True, kw_only=True):
+    frame: Frame = "team"
+    """Whose axes: the team's, or the robot's own."""
+
+    def of(self, state: RobotState) -> Vector:
+        """What is compared of two robots' states."""
+        raise NotImplementedError
+
+    def read(self, view: View) -> list[float]:
+        """Along the axes of ``frame``."""
+        own = self.of(view.team.own)
+        differences = (apart(own, self.of(state)) for state in self.nearest(view))
+        return self.padded([value for each in differences for value in in_frame(each, self.frame, view)])
+
+
+class TeammateOffsets(_Relative, frozen=True, kw_only=True, tag="teammate_offsets"):
     """The robot's position minus each teammate's."""
 
     unit_here: ClassVar[str] = "m"
-    frame: Frame = "team"
-    """Whose axes: the team's, or the robot's own."""
 
-    def read(self, view: View) -> list[float]:
-        """Along the axes of ``frame``."""
-        own = view.team.own.position_m
-        offsets = (apart(own, state.position_m) for state in self.nearest(view))
-        return self.padded([value for offset in offsets for value in in_frame(offset, self.frame, view)])
+    def of(self, state: RobotState) -> Vector:
+        """The position."""
+        return state.position_m
 
 
-class TeammateVelocities(_Nearest, frozen=True, kw_only=True, tag="teammate_velocities"):
+class TeammateVelocities(_Relative, frozen=True, kw_only=True, tag="teammate_velocities"):
     """The robot's velocity minus each teammate's."""
 
     unit_here: ClassVar[str] = "m/s"
-    frame: Frame = "team"
-    """Whose axes: the team's, or the robot's own."""
 
-    def read(self, view: View) -> list[float]:
-        """Along the axes of ``frame``."""
-        own = view.team.own.velocity_m_s
-        speeds = (apart(own, state.velocity_m_s) for state in self.nearest(view))
-        return self.padded([value for speed in speeds for value in in_frame(speed, self.frame, view)])
+    def of(self, state: RobotState) -> Vector:
+        """The velocity."""
+        return state.velocity_m_s
 
 
 class TeammatesPresent(_Nearest, frozen=True, kw_only=True, tag="teammates_present"):

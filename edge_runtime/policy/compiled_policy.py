@@ -15,7 +15,7 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
-from edge_runtime.policy.velocity_field import Sample, Sampler, Term
+from edge_runtime.policy.velocity_field import Sample, Sampler, Term, check_counts, check_observation
 from edge_runtime.policy.weights import FlowWeights
 
 INTERFACE: Final = 3
@@ -106,8 +106,7 @@ class CompiledPolicy:
     backend = "compiled"
 
     def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1, engine: str = "") -> None:
-        if euler_steps < 1 or batch < 1:
-            raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+        check_counts(euler_steps, batch)
         self.batch, self.euler_steps = batch, euler_steps
         self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
         kernel = load_kernel()
@@ -128,11 +127,7 @@ class CompiledPolicy:
             PolicyError: if the shape is not (B, O).
         """
         observation = np.ascontiguousarray(observation, np.float32)
-        if observation.shape != (self.batch, self.observation_dim):
-            raise PolicyError(
-                f"observation has shape {observation.shape}, this policy takes "
-                f"({self.batch}, {self.observation_dim})"
-            )
+        check_observation(observation, self.batch, self.observation_dim)
         self._network.observe(observation)
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numpy import add, multiply, subtract, tanh
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.errors import PolicyError
+from edge_runtime.policy.velocity_field import check_counts, check_observation
 from edge_runtime.policy.weights import FlowWeights
 
 
@@ -53,8 +53,7 @@ class FlowPolicy:
     sampler = None
 
     def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1) -> None:
-        if euler_steps < 1 or batch < 1:
-            raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+        check_counts(euler_steps, batch)
         self.batch, self.euler_steps = batch, euler_steps
         self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
         self._weights = weights
@@ -111,11 +110,7 @@ class FlowPolicy:
             PolicyError: if the shape is not (B, O).
         """
         observation = np.asarray(observation, np.float32)
-        if observation.shape != (self.batch, self.observation_dim):
-            raise PolicyError(
-                f"observation has shape {observation.shape}, this policy takes "
-                f"({self.batch}, {self.observation_dim})"
-            )
+        check_observation(observation, self.batch, self.observation_dim)
         observation.dot(self._observation_rows, self._observed)
         add(self._time_parts, self._observed, self._offsets)
 

@@ -13,6 +13,7 @@ from edge_runtime.common.printable import first_line
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.schema import LARGEST_FILE
+from edge_runtime.policy.velocity_field import check_counts, check_observation
 
 
 class _Tensor(Protocol):
@@ -50,8 +51,7 @@ class OnnxPolicy:
     def __init__(
         self, graph: Path, action_dim: int, observation_dim: int, euler_steps: int, batch: int = 1
     ) -> None:
-        if euler_steps < 1 or batch < 1:
-            raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+        check_counts(euler_steps, batch)
         self.batch, self.euler_steps = batch, euler_steps
         self.action_dim, self.observation_dim = action_dim, observation_dim
         self._graph, self._session = graph, _open_session(graph)
@@ -67,10 +67,7 @@ class OnnxPolicy:
             PolicyError: if the shape is not (B, O).
         """
         observation = np.asarray(observation, np.float32)
-        if observation.shape != self._observation.shape:
-            raise PolicyError(
-                f"observation has shape {observation.shape}, this policy takes {self._observation.shape}"
-            )
+        check_observation(observation, *self._observation.shape)
         self._observation = observation.copy()
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array
+from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
 
 Term = tuple[str, Sequence[float], Sequence[float]]
@@ -51,6 +52,26 @@ class Sampler(Protocol):
             most_steps: cut short after so many steps; T for all of them.
         """
         ...
+
+
+def check_counts(euler_steps: int, batch: int) -> None:
+    """Refuse no steps, or no inputs.
+
+    Raises:
+        PolicyError: if either is below one.
+    """
+    if min(euler_steps, batch) < 1:
+        raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+
+
+def check_observation(observation: Array, batch: int, size: int) -> None:
+    """Refuse observations of another shape than (B, O).
+
+    Raises:
+        PolicyError: names both shapes.
+    """
+    if observation.shape != (batch, size):
+        raise PolicyError(f"observation has shape {observation.shape}, this policy takes ({batch}, {size})")
 
 
 class VelocityField(Protocol):

@@ -11,7 +11,6 @@ import contextlib
 import select
 import socket
 import time
-from types import TracebackType
 from typing import Final, TypeVar
 
 import msgspec
@@ -92,12 +91,7 @@ class Recorder:
         self._path = report.path
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let the logger finish by itself."""
         self._socket.close()
 

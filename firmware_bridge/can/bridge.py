@@ -18,8 +18,8 @@ from firmware_bridge.guard.spec import (
     GuardFlags,
     GuardSpec,
     add_guard_arguments,
-    deadline_s,
     flags_from,
+    guard_spec,
     setpoint_limits,
     speed_limit_m_s,
 )
@@ -100,16 +100,8 @@ def make_spec(robot_id: int, manifest: Manifest, options: CanFlags, rate_hz: flo
     check_base(manifest.motion, profile.base, str(path))
     link = CanOptions(options.bus, str(path), options.pose, manifest.motion.turns)
     speed = speed_limit_m_s(options.max_speed_m_s, profile.limits.speed_m_s, options.profile)
-    return GuardSpec(
-        link="can",
-        robot_id=robot_id,
-        deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=setpoint_limits(manifest, speed, profile.base.max_yaw_rad_s),
-        options=msgspec.Raw(msgspec.json.encode(link)),
-        arm=options.guard.arm,
-        allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
-        deceleration_m_s2=profile.stop.deceleration_m_s2,
-    )
+    limits = setpoint_limits(manifest, speed, profile.base.max_yaw_rad_s)
+    return guard_spec("can", robot_id, limits, link, rate_hz, options.guard, profile.stop.deceleration_m_s2)
 
 
 def _check_rate(profile: Profile, rate_hz: float) -> None:

@@ -4,18 +4,16 @@ Every number is in SI units on this side and in the DBC's physical units on the 
 directory-local pair: the TOML names its DBC, relative to itself. Signals are written ``Message.Signal``.
 """
 
-import math
-import os
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
 from edge_runtime.common.toml_file import read_toml, to_record
-from edge_runtime.errors import ConfigError
 from firmware_bridge.can.e2e import Protection
 from firmware_bridge.can.odrive import Watchdog
 from firmware_bridge.can.vesc import Vescs
+from firmware_bridge.guard.profile_file import SpeedLimits, profile_file
 from firmware_bridge.kinematics.base import Base
 
 PROFILES = Path(__file__).parents[1] / "profiles"
@@ -115,17 +113,6 @@ class Feedback(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return list(dict.fromkeys([*(rule.signal for rule in rules), *measured]))
 
 
-class ProfileLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The most that the firmware may be asked for."""
-
-    speed_m_s: float
-    """Greatest commanded speed; `--max-speed` may only be lower."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.speed_m_s < math.inf:
-            raise ValueError(f"`speed_m_s` must be positive, got {self.speed_m_s}")
-
-
 class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One kind of CAN robot; the field order is the order of the file."""
 
@@ -135,7 +122,7 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What carries them: a CAN bus, or the serial frames of a Limo."""
     period_s: float
     """Time between the frames of a ramp or a zero command; the firmware's usual command period."""
-    limits: ProfileLimits
+    limits: SpeedLimits
     base: Base
     motion: dict[str, dict[str, Gains]]
     """Command messages, in sending order, and their signals."""
@@ -171,16 +158,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def profile_path(name: str) -> Path:
-    """Return the file of a profile given by name or by path.
-
-    Raises:
-        ConfigError: if there is no such profile, with the names that there are.
-    """
-    path = Path(name) if name.endswith(".toml") else PROFILES / f"{name}.toml"
-    if not os.path.isfile(path):  # noqa: PTH113  # pathlib's raises for names that are too long
-        known = ", ".join(sorted(file.stem for file in PROFILES.glob("*.toml")))
-        raise ConfigError(f"--profile {name}: no such profile; known: {known}, or the path of a .toml file")
-    return path
+    """Return the file of a profile given by name or by path; raises as `profile_file`."""
+    return profile_file(name, PROFILES, "--profile")
 
 
 def load_profile(path: Path) -> Profile:

@@ -94,6 +94,28 @@ def setpoint_limits(
     )
 
 
+def guard_spec(
+    link: str,
+    robot_id: int,
+    limits: SetpointLimits,
+    options: msgspec.Struct,
+    rate_hz: float,
+    flags: GuardFlags,
+    deceleration_m_s2: float | None = None,
+) -> GuardSpec:
+    """Describe a guard by the shared flags and what its link alone understands; raises as `deadline_s`."""
+    return GuardSpec(
+        link=link,
+        robot_id=robot_id,
+        deadline_s=deadline_s(1.0 / rate_hz, flags),
+        limits=limits,
+        options=msgspec.Raw(msgspec.json.encode(options)),
+        arm=flags.arm,
+        allow_unsafe_firmware_timeout=flags.allow_unsafe_firmware_timeout,
+        deceleration_m_s2=deceleration_m_s2,
+    )
+
+
 def deadline_s(period_s: float, flags: GuardFlags) -> float:
     """Return the longest silence that the guard tolerates at this control period.
 

@@ -16,8 +16,8 @@ from firmware_bridge.guard.spec import (
     GuardFlags,
     GuardSpec,
     add_guard_arguments,
-    deadline_s,
     flags_from,
+    guard_spec,
     setpoint_limits,
 )
 from firmware_bridge.kinematics.fit import check_fit
@@ -118,15 +118,8 @@ def make_spec(robot_id: int, manifest: Manifest, options: MavlinkFlags, rate_hz:
         origin_m=options.origin_m,
         signing_key=options.signing_key,
     )
-    return GuardSpec(
-        link="mavlink",
-        robot_id=robot_id,
-        deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=setpoint_limits(manifest, options.max_speed_m_s),
-        options=msgspec.Raw(msgspec.json.encode(link)),
-        arm=options.guard.arm,
-        allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
-    )
+    limits = setpoint_limits(manifest, options.max_speed_m_s)
+    return guard_spec("mavlink", robot_id, limits, link, rate_hz, options.guard)
 
 
 def _check(options: MavlinkFlags) -> None:

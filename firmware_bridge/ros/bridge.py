@@ -14,8 +14,8 @@ from firmware_bridge.guard.spec import (
     GuardFlags,
     GuardSpec,
     add_guard_arguments,
-    deadline_s,
     flags_from,
+    guard_spec,
     setpoint_limits,
     speed_limit_m_s,
 )
@@ -99,13 +99,7 @@ def make_spec(robot_id: int, manifest: Manifest, options: RosFlags, rate_hz: flo
     turns, namespace = manifest.motion.turns, options.namespace
     link = RosOptions(options.ros, str(path), namespace, options.origin, options.python_path, turns)
     speed = speed_limit_m_s(options.max_speed_m_s, profile.limits.speed_m_s, options.profile)
-    return GuardSpec(
-        link=f"ros{options.ros}",
-        robot_id=robot_id,
-        deadline_s=deadline_s(1.0 / rate_hz, options.guard),
-        limits=setpoint_limits(manifest, speed, profile.base.max_yaw_rad_s),
-        options=msgspec.Raw(msgspec.json.encode(link)),
-        arm=options.guard.arm,
-        allow_unsafe_firmware_timeout=options.guard.allow_unsafe_firmware_timeout,
-        deceleration_m_s2=profile.limits.deceleration_m_s2,
+    limits = setpoint_limits(manifest, speed, profile.base.max_yaw_rad_s)
+    return guard_spec(
+        f"ros{options.ros}", robot_id, limits, link, rate_hz, options.guard, profile.limits.deceleration_m_s2
     )

@@ -1,7 +1,5 @@
 """A ROS robot in one TOML file: its topics, what they carry, its base, and where its own timeout stands."""
 
-import math
-import os
 import re
 from pathlib import Path
 from typing import Final, Literal
@@ -10,6 +8,7 @@ import msgspec
 
 from edge_runtime.common.toml_file import read_toml, to_record
 from edge_runtime.errors import ConfigError
+from firmware_bridge.guard.profile_file import SpeedLimits, profile_file
 from firmware_bridge.kinematics.base import Base
 
 PROFILES: Final = Path(__file__).parent / "profiles"
@@ -17,17 +16,14 @@ _NAME: Final = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 _NAMESPACE: Final = re.compile(r"(/[A-Za-z][A-Za-z0-9_]*)*")
 
 
-class RosLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RosLimits(SpeedLimits, frozen=True, forbid_unknown_fields=True):
     """The most that the robot may be asked for, and how it brakes."""
 
-    speed_m_s: float
-    """Greatest commanded speed; ``--max-speed`` may only be lower."""
     deceleration_m_s2: float | None = None
     """Of its own controller, told to stand; None where nobody says."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.speed_m_s < math.inf:
-            raise ValueError(f"`speed_m_s` must be positive, got {self.speed_m_s}")
+        super().__post_init__()
         if self.deceleration_m_s2 is not None and not self.deceleration_m_s2 > 0.0:
             raise ValueError(f"`deceleration_m_s2` must be positive, got {self.deceleration_m_s2}")
 
@@ -115,18 +111,8 @@ def check_namespace(namespace: str) -> None:
 
 
 def profile_path(name: str) -> Path:
-    """Return the file of a profile given by name or by path.
-
-    Raises:
-        ConfigError: if there is no such profile, with the names that there are.
-    """
-    path = Path(name) if name.endswith(".toml") else PROFILES / f"{name}.toml"
-    if not os.path.isfile(path):  # noqa: PTH113  # pathlib's raises for names that are too long
-        known = ", ".join(sorted(file.stem for file in PROFILES.glob("*.toml")))
-        raise ConfigError(
-            f"--ros-profile {name}: no such profile; known: {known}, or the path of a .toml file"
-        )
-    return path
+    """Return the file of a profile given by name or by path; raises as `profile_file`."""
+    return profile_file(name, PROFILES, "--ros-profile")
 
 
 def load_profile(path: Path) -> RosProfile:

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import torch
 
-from benchmarks.common.flags import COUNT, add_policies, make_parser
+from benchmarks.common.flags import COUNT, add_policies, add_result, make_parser
 from benchmarks.common.result_file import write_result
 from benchmarks.common.result_page import table
 from benchmarks.paper.evaluation import commit
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--samples", type=COUNT, default=50, metavar="N", help="episodes of a scene (50)")
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the policies (1 2)")
     add_policies(parser)
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
+    add_result(parser, RESULTS)
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     task, rows, first = TASKS["navigation"], [], {}

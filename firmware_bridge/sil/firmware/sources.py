@@ -3,9 +3,9 @@
 import math
 import random
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final
 
+from edge_runtime.common.closing import Closing
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.config.keys import team_key
 from edge_runtime.config.network import endpoint
@@ -18,7 +18,7 @@ NOISE_M: Final = 1e-4
 next where a robot rests."""
 
 
-class Sources:
+class Sources(Closing):
     """Tells each robot what its fleet file has from a stream; a context manager that lets the socket go.
 
     Args:
@@ -56,16 +56,7 @@ class Sources:
                 [(robot.id, name) for robot in fleet.robots for name in robot.sensors],
             )
 
-    def __enter__(self) -> "Sources":
-        """Listen already."""
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Let the socket go."""
         if self._host:
             self._host.close()
