@@ -17,8 +17,10 @@ import torch
 from msgspec.structs import replace
 
 from benchmarks.common.episode import ticks
-from benchmarks.common.flags import COUNT, make_parser
-from benchmarks.common.result_file import write_result
+from benchmarks.common.flags import COUNT, add_result, make_parser
+from benchmarks.common.result_file import read_result, write_result
+from benchmarks.paper.beside_tables import beside_tables
+from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import TASKS, Task
 from edge_runtime.common.flag_types import whole_number
 from edge_runtime.config.fleet import FLEETS, Fleet, load_fleet
@@ -29,6 +31,7 @@ from export.scenarios import make_scenario
 from export.scenarios.plant import VmasPlant
 
 RESULTS: Final = Path(__file__).parents[1] / "results" / "tasks.json"
+TABLES: Final = RESULTS.with_name("paper.json")
 FIRST_SEED: Final = 700_000
 """No other evaluation draws its episodes from here on."""
 
@@ -57,12 +60,12 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--first-seed", type=whole_number(0, 10**9), default=FIRST_SEED, metavar="N", help=f"({FIRST_SEED})"
     )
-    parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="where the rows go")
+    add_result(parser, RESULTS)
     flags = parser.parse_args(arguments)
     if unknown := [name for name in flags.tasks if name not in TASKS]:
         raise ConfigError(f"unknown task {unknown[0]!r}: choose from {', '.join(TASKS)}")
     torch.set_num_threads(1)
-    rows = []
+    rows, tables = [], read_result(TABLES, list[Row], default=[])
     for name in flags.tasks or TASKS:
         rows.append(measure(TASKS[name], flags.episodes, flags.first_seed))
         row = rows[-1]
@@ -71,18 +74,29 @@ def main(arguments: Sequence[str]) -> int:
             f"episodes satisfied, nominal {row.nominal:.3g}, {row.stopped_ticks} stopped ticks",
             flush=True,
         )
+        bundle = packaged_bundle(name)
+        print(f"  {beside_tables(row.satisfied_percent, row.error_percent, bundle, tables)}", flush=True)
     write_result(flags.json, rows)
     return 0
 
 
 def measure(task: Task, episodes: int, first_seed: int) -> Driven:
-    """Drive the episodes of so many seeds."""
-    ends = [drive(task, seed) for seed in range(first_seed, first_seed + episodes)]
+    """Drive the episodes of so many seeds, passing over those whose robots would start within each other."""
+    seeds = (seed for seed in itertools.count(first_seed) if stands_apart(task, seed))
+    ends = [drive(task, seed) for seed in itertools.islice(seeds, episodes)]
     satisfied, nominal, stopped = (np.array(values, np.float64) for values in zip(*ends, strict=True))
     share, factor = float(satisfied.mean()), task.metrics[0].factor
     error = math.sqrt(share * (1.0 - share) / episodes)
     mean = factor * float(nominal.mean())
     return Driven(task.name, episodes, first_seed, 100 * share, 100 * error, mean, int(stopped.sum()))
+
+
+def stands_apart(task: Task, seed: int) -> bool:
+    """Whether an episode's robots have room: a training's world may put them into each other."""
+    fleet = drawn(load_fleet(FLEETS / f"{task.name}.toml"), task.name, seed)
+    diameter = 2.0 * packaged_bundle(task.name).manifest.body.radius_m
+    starts = [robot.start_m for robot in fleet.robots]
+    return all(math.dist(*pair) >= diameter for pair in itertools.combinations(starts, 2))
 
 
 def drive(task: Task, seed: int) -> tuple[bool, float, int]:
