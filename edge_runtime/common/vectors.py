@@ -17,9 +17,7 @@ def dot(a: Sequence[float], b: Sequence[float]) -> float:
     return total
 
 
-def descent(
-    gradient: Sequence[float], left: float, tangents: Sequence[Sequence[float]]
-) -> tuple[float, ...]:
+def descent(gradient: Sequence[float], left: float, tangents: Sequence[Sequence[float]]) -> tuple[float, ...]:
     """-(I + left V)^T gradient, of a Jacobian V whose columns are the tangents."""
     if len(gradient) == 2:
         (xx, xy), (yx, yy), (x, y) = *tangents, gradient
