@@ -23,6 +23,7 @@ COMMANDS = {
     "rate": "benchmarks.rate",
     "recording": "benchmarks.recording.recording_command",
     "sil": "benchmarks.sil.sil_command",
+    "steering": "benchmarks.paper.steering.steering_command",
     "tasks": "benchmarks.paper.driven",
     "team_size": "benchmarks.paper.team_size.team_size_command",
 }

@@ -44,7 +44,7 @@ export
 benchmarks.common
 benchmarks.sil
 benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording
-benchmarks.paper.ablation benchmarks.paper.modes benchmarks.paper.oracle
+benchmarks.paper.ablation benchmarks.paper.modes benchmarks.paper.oracle benchmarks.paper.steering
 benchmarks.paper.team_size
 benchmarks
 """

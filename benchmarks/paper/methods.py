@@ -9,11 +9,12 @@ from msgspec.structs import replace
 from benchmarks.paper.baselines import descend, shield
 from benchmarks.paper.settings import Descent, Guided, Mean, Settings, Shield
 from benchmarks.paper.tasks import Task
-from edge_runtime.common.arrays import Floats
+from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
+from edge_runtime.policy.velocity_field import VelocityField
 from export.episodes.play import Decide, MakeDecide, Observations, sampled
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BatchCombine, hierarchical_batch
@@ -27,7 +28,7 @@ def decider(task: Task, settings: Settings, bundle: Bundle, euler_steps: int | N
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
-        return sampled(lambda batch: bundle.policy(batch, euler_steps), guide, joint)
+        return sampled(partial(_field, bundle, settings, euler_steps), guide, joint)
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
@@ -50,6 +51,24 @@ def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
     if settings.corrected_as == "requirements":
         return replace(guide, preferences=(), requirements=corrected)
     return guide
+
+
+class _Flat:
+    """A velocity field whose Jacobian reads zero: gradients come from the terminal estimate as they are."""
+
+    def __init__(self, field: VelocityField) -> None:
+        self._field, self.observe = field, field.observe
+        self.action_dim, self.euler_steps = field.action_dim, field.euler_steps
+
+    def step(self, k: int, action: Floats) -> Array:
+        velocity = self._field.step(k, action).copy()
+        velocity[1:] = 0.0
+        return velocity
+
+
+def _field(bundle: Bundle, settings: Guided, euler_steps: int | None, batch: int) -> VelocityField | _Flat:
+    field = bundle.policy(batch, euler_steps)
+    return field if settings.jacobian else _Flat(field)
 
 
 def combine_teams(

@@ -30,6 +30,8 @@ class Guided(_Settings, frozen=True, tag="guided"):
     """Times as many steps."""
     joint: bool = False
     """Eqs. 14 and 15 on the team's joint action, instead of robot by robot."""
+    jacobian: bool = True
+    """Gradients along the flow pulled back through it, eq. 11; else as they are at the terminal estimate."""
     corrected_as: Literal["their own", "preferences", "requirements"] = "their own"
     """What objectives count as at tau = 1."""
 

@@ -1,0 +1,35 @@
+"""Ways to follow objectives: along the flow, after it, or both."""
+
+from benchmarks.paper.settings import Guided
+from edge_runtime.guidance.settings import GuidanceSettings, Mode
+
+VANISHING = 1e-9
+"""An eta that leaves objectives active and the flow as it is."""
+SCALES = (3.0, 10.0, 30.0)
+"""eta of every way along the flow; the best one counts."""
+
+
+def _way(mode: Mode, scale: float, noise: float, **changes: bool) -> Guided:
+    return Guided(guidance=GuidanceSettings(mode=mode, scale=scale, start_noise=noise), **changes)
+
+
+def ways(noise: float) -> dict[str, list[Guided]]:
+    """Every way, with the settings among which its best is chosen.
+
+    Args:
+        noise: of the flow's start: 1 lets it choose among its modes, 0 is contracted to its mean.
+    """
+    along: dict[str, tuple[Mode, dict[str, bool]]] = {
+        "along the flow: sum": ("none", {}),
+        "sum, no Jacobian": ("none", {"jacobian": False}),
+        "cone": ("cone", {}),
+        "eqs. 14, 15 per robot": ("hierarchical", {}),
+        "eqs. 14, 15 joint": ("hierarchical", {"joint": True}),
+        "both: along, then corrected": ("terminal", {}),
+        "both, no Jacobian": ("terminal", {"jacobian": False}),
+    }
+    steered = {
+        name: [_way(mode, scale, noise, **changes) for scale in SCALES]
+        for name, (mode, changes) in along.items()
+    }
+    return {"corrected only": [_way("terminal", VANISHING, noise)], **steered}
