@@ -29,7 +29,10 @@ def guided_actions(
     There is no deadline and no check for faults: a non-finite input leaves its own row non-finite.
     """
     policy.observe(observation)
-    outlooks = [look_ahead_batch(team, preview) for preview in guide.previews]
+    outlooks = [
+        look_ahead_batch(team, preview, horizon_s)
+        for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
+    ]
     action, total = np.array(start, np.float64), policy.euler_steps
     factors, combine = np.array(guide.factors), combine or BATCH[guide.projection]
     for k in range(total):

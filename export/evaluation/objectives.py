@@ -17,6 +17,7 @@ from edge_runtime.objectives import (
     Spacing,
     SpatialOrder,
     SpeedLimit,
+    TrackedMargin,
 )
 from edge_runtime.objectives.clustering import COINCIDENT_M
 from export.evaluation.outlook import COMPONENTS, POSITION, VELOCITY, MotionBatch, OutlookBatch
@@ -69,12 +70,28 @@ def _speed_limit(objective: SpeedLimit, motion: MotionBatch, outlook: OutlookBat
 
 
 def _safety_margin(objective: SafetyMargin, motion: MotionBatch, outlook: OutlookBatch) -> SlopeBatch:
+    order = np.where(outlook.robot_id[:, None] < outlook.mate_id, -1.0, 1.0)
+    return _keep_clear(objective, motion, outlook.mates.position_m, order, outlook)
+
+
+def _tracked_margin(objective: TrackedMargin, motion: MotionBatch, outlook: OutlookBatch) -> SlopeBatch:
+    there = outlook.tracked_m(objective.object)
+    return _keep_clear(objective, motion, there, np.ones(there.shape[:2]), outlook)
+
+
+def _keep_clear(
+    objective: SafetyMargin | TrackedMargin,
+    motion: MotionBatch,
+    points_m: Floats,
+    order: Floats,
+    outlook: OutlookBatch,
+) -> SlopeBatch:
+    """Of (B, K) points; ``order`` (B, K) tells in which direction along x to leave one that coincides."""
     gain = outlook.preview.position_gain
-    apart = motion.position_m[:, None] - outlook.mates.position_m
+    apart = motion.position_m[:, None] - points_m
     distance = np.sqrt(np.square(apart).sum(-1))
     cure = np.maximum(objective.distance_m + objective.buffer_m - distance, 0.0) / gain
     together = distance == 0.0
-    order = np.where(outlook.robot_id[:, None] < outlook.mate_id, -1.0, 1.0)
     apart[..., 0] = np.where(together, order, apart[..., 0])
     push = cure / (gain * np.where(together, 1.0, distance))
     return _over(POSITION, 0.5 * np.square(cure).sum(-1), -(push[..., None] * apart).sum(1))
@@ -162,4 +179,5 @@ _BATCHED: dict[type[Objective], Callable[[Any, MotionBatch, OutlookBatch], Slope
     Geofence: _geofence,
     Clustering: _clustering,
     Passing: _passing,
+    TrackedMargin: _tracked_margin,
 }

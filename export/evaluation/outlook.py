@@ -1,15 +1,15 @@
 """What B robots know of their teams, and where everybody will be: `edge_runtime.motion.outlook` in arrays."""
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
-from edge_runtime.messages import RobotState, Teammate, TeamState
+from edge_runtime.messages import RobotState, Teammate, TeamState, TrackedObject, Vector
 from edge_runtime.motion.linear import LinearPreview, PlanarPreview
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.motion.prediction import PredictedMotion, Preview
@@ -45,10 +45,15 @@ class MotionBatch(NamedTuple):
 
     def state(self, robot_id: int) -> RobotState:
         """The state of one robot, if this is one motion."""
+        return RobotState(robot_id, 0.0, *self._numbers())
+
+    def tracked(self, name: str) -> TrackedObject:
+        """One tracked object, if this is one motion."""
+        return TrackedObject(name, 0.0, *self._numbers())
+
+    def _numbers(self) -> tuple[Vector, Vector, float, float]:
         position, velocity = tuple(self.position_m.tolist()), tuple(self.velocity_m_s.tolist())
-        return RobotState(
-            robot_id, 0.0, position, velocity, float(self.heading_rad), float(self.yaw_rate_rad_s)
-        )
+        return position, velocity, float(self.heading_rad), float(self.yaw_rate_rad_s)
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,8 @@ class TeamBatch:
     """Of (B, K) teammates."""
     mate_action: Floats
     """(B, K, d), the teammates' intended actions."""
+    tracked: Mapping[str, MotionBatch] = field(default_factory=dict)
+    """The tracked objects by their names, each as B robots see it."""
 
     @classmethod
     def of_teams(cls, position_m: Floats, velocity_m_s: Floats, action: Floats) -> "TeamBatch":
@@ -88,7 +95,8 @@ class TeamBatch:
             Teammate(self.mates.take((index, k)).state(mate), tuple(self.mate_action[index, k].tolist()))
             for k, mate in enumerate(self.mate_id[index].tolist())
         )
-        return TeamState(self.own.take(index).state(int(self.robot_id[index])), mates)
+        tracked = tuple(motion.take(index).tracked(name) for name, motion in self.tracked.items())
+        return TeamState(self.own.take(index).state(int(self.robot_id[index])), mates, tracked=tracked)
 
 
 @dataclass(frozen=True)
@@ -103,6 +111,8 @@ class OutlookBatch:
     """Of (B, K) teammates."""
     at: Callable[[Floats], tuple[MotionBatch, Floats]]
     """Motions under actions (B, d), and their Jacobians (B or 1, d, C): see `Columns`."""
+    horizon_s: float = 0.0
+    """How far ahead they are, for tracked objects."""
 
     @property
     def robot_id(self) -> npt.NDArray[np.int64]:
@@ -116,15 +126,23 @@ class OutlookBatch:
 
     def row(self, index: int) -> Outlook:
         """The single-robot outlook of one row."""
-        return look_ahead(self.team.row(index), self.preview)
+        return look_ahead(self.team.row(index), self.preview, horizon_s=self.horizon_s)
+
+    def tracked_m(self, name: str) -> Floats:
+        """Where a tracked object will be, (B, 1, dims); (B, 0, dims) where nobody tracks it."""
+        dims, motion = self.preview.dims, self.team.tracked.get(name)
+        if motion is None:
+            return np.zeros((len(self.robot_id), 0, dims))
+        there: Floats = motion.position_m + self.horizon_s * motion.velocity_m_s
+        return there[:, None, :dims]
 
 
-def look_ahead_batch(team: TeamBatch, preview: Preview) -> OutlookBatch:
-    """Predict B robots' drifts and their neighbours' motion over a preview."""
+def look_ahead_batch(team: TeamBatch, preview: Preview, horizon_s: float = 0.0) -> OutlookBatch:
+    """Predict B robots' drifts and their neighbours' motion over a preview; see `look_ahead`."""
     own = _forecast(preview, team.own)
     mates, _ = _forecast(preview, team.mates)(team.mate_action)
     drift, _ = own(np.zeros((len(team.robot_id), team.mate_action.shape[-1])))
-    return OutlookBatch(team, preview, drift, mates, own)
+    return OutlookBatch(team, preview, drift, mates, own, horizon_s)
 
 
 def _forecast(preview: Preview, start: MotionBatch) -> Callable[[Floats], tuple[MotionBatch, Floats]]:

@@ -24,4 +24,14 @@ def as_batch(teams) -> TeamBatch:
         mate_id=mates(lambda m: m.state.robot_id),
         mates=moving(mates(lambda m: _motion(m.state))),
         mate_action=mates(lambda m: m.intended_action),
+        tracked={
+            name: moving(np.array([_motion(each) for each in seen]))
+            for name, seen in _by_name(team.tracked for team in teams).items()
+        },
     )
+
+
+def _by_name(tracked):
+    """What each team sees of every object."""
+    rows = list(tracked)
+    return {each.name: [row[place] for row in rows] for place, each in enumerate(rows[0])}

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from guidance_cases import guide_for, random_team
 from motion_models import EXAMPLES
+from msgspec.structs import replace
 from team_batches import as_batch
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import check_objectives
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.guidance.slopes import action_slope
+from edge_runtime.messages import TrackedObject
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import (
     BUILT_IN,
@@ -75,6 +77,11 @@ def has_it(objective, model):
     return {LookNorth: model.turns, Ceiling: model.dims == 3}.get(type(objective), True)
 
 
+def person(draw, model):
+    place, speed = draw.uniform(-0.4, 0.4, (2, model.dims)).tolist()
+    return (TrackedObject("person", 0.0, tuple(place), tuple(speed), *draw.uniform(-1.0, 1.0, 2).tolist()),)
+
+
 def test_every_objective_is_tried():
     assert set(BUILT_IN) <= set(map(type, OBJECTIVES))
 
@@ -94,17 +101,21 @@ def test_every_gradient_is_that_of_its_cost_or_the_objective_is_refused(objectiv
 @EVERY
 def test_many_robots_at_once_are_told_what_each_is(objective, name):
     model = EXAMPLES[name]
-    if objective.refuses(model) or isinstance(objective, ObstacleMargin | TrackedMargin):
+    if objective.refuses(model) or isinstance(objective, ObstacleMargin):
         return
     draw, rows = np.random.default_rng(3), 60
-    teams = [random_team(draw, ids=draw.permutation(4).tolist(), model=model) for _ in range(rows)]
+    teams = [
+        replace(random_team(draw, ids=draw.permutation(4).tolist(), model=model), tracked=person(draw, model))
+        for _ in range(rows)
+    ]
     action = draw.uniform(-1.0, 1.0, (rows, model.action_dim))
     guide = guide_for([objective], model)
-    outlook = look_ahead_batch(as_batch(teams), guide.previews[0])
+    outlook = look_ahead_batch(as_batch(teams), guide.previews[0], guide.horizons_s[0])
     cost = evaluate_batch(objective, outlook.at(action)[0], outlook).cost
     (gradients,) = action_slopes(guide, [outlook], action)
     for row, team in enumerate(teams):
-        alone = action_slope(objective, look_ahead(team, guide.previews[0]), action[row].tolist())
+        ahead = look_ahead(team, guide.previews[0], horizon_s=guide.horizons_s[0])
+        alone = action_slope(objective, ahead, action[row].tolist())
         np.testing.assert_allclose([cost[row], *gradients[row]], [alone[0], *alone[1]], rtol=1e-9, atol=1e-9)
     assert gradients.any() == has_it(objective, model)
 
