@@ -57,10 +57,13 @@ def key(question: Question, policies: Path) -> Key:
 def answer(question: Question, policies: Path) -> Row:
     """Run its episodes."""
     torch.set_num_threads(1)
-    task, steps = TASKS[question.task], question.euler_steps
-    bundle = load_bundle(_policy(question, policies))
-    outcome = run_episodes(task, decider(task, question.settings, bundle, steps), question)
-    hz = None if steps is None else control_frequency(task, bundle, steps)
+    task, bundle = TASKS[question.task], load_bundle(_policy(question, policies))
+    if question.euler_steps:
+        bundle = bundle.sampled("euler", question.euler_steps)
+    if question.exponential_steps:
+        bundle = bundle.sampled("exponential", question.exponential_steps)
+    outcome = run_episodes(task, decider(task, question.settings, bundle), question)
+    hz = control_frequency(task, bundle) if question.euler_steps else None
     return make_row(key(question, policies), outcome, commit(), hz)
 
 

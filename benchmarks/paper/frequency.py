@@ -10,27 +10,24 @@ from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.policy.numpy_policy import FlowPolicy
 
 TICKS = 200
 
 
-def control_frequency(task: Task, bundle: Bundle, euler_steps: int) -> float:
+def control_frequency(task: Task, bundle: Bundle) -> float:
     """One over the median processor time of a guided tick of the numpy runtime, in Hz."""
-    return 1.0 / tick_s(task, bundle, 3, euler_steps)
+    return 1.0 / tick_s(task, bundle, 3)
 
 
-def tick_s(task: Task, bundle: Bundle, mates: int, euler_steps: int | None = None) -> float:
+def tick_s(task: Task, bundle: Bundle, mates: int) -> float:
     """Median processor time of one robot's guided tick, on the numpy runtime.
 
     Args:
         task: whose objectives guide.
         bundle: the policy.
         mates: teammates, so close that the team's objectives are at work.
-        euler_steps: T; the bundle's own where None.
     """
-    steps = euler_steps or bundle.manifest.euler_steps
-    policy = FlowPolicy(bundle.weights, steps) if bundle.weights else bundle.policy(1, steps)
+    policy = bundle.policy()
     guide = make_guide(ObjectiveSet(task.objectives), bundle.manifest.motion)
     observation = np.zeros((1, policy.observation_dim), np.float32)
     around = [Teammate(RobotState(k, 0.0, (0.1 * k, 0.1), (0.2, 0.0))) for k in range(1, mates + 1)]

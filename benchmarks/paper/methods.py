@@ -23,12 +23,12 @@ Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 """Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
 
 
-def decider(task: Task, settings: Settings, bundle: Bundle, euler_steps: int | None = None) -> MakeDecide:
-    """What a method decides with a policy; ``euler_steps`` replaces the T of a guided flow."""
+def decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
+    """What a method decides with a policy."""
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
-        return sampled(partial(_field, bundle, settings, euler_steps), guide, joint)
+        return sampled(partial(_field, bundle, settings), guide, joint)
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
@@ -57,8 +57,8 @@ class _Flat:
     """A velocity field whose Jacobian reads zero: gradients come from the terminal estimate as they are."""
 
     def __init__(self, field: VelocityField) -> None:
-        self._field, self.observe = field, field.observe
-        self.action_dim, self.euler_steps = field.action_dim, field.euler_steps
+        self._field, self.observe, self.velocity = field, field.observe, field.velocity
+        self.action_dim, self.schedule = field.action_dim, field.schedule
 
     def step(self, k: int, action: Floats) -> Array:
         velocity = self._field.step(k, action).copy()
@@ -66,8 +66,8 @@ class _Flat:
         return velocity
 
 
-def _field(bundle: Bundle, settings: Guided, euler_steps: int | None, batch: int) -> VelocityField | _Flat:
-    field = bundle.policy(batch, euler_steps)
+def _field(bundle: Bundle, settings: Guided, batch: int) -> VelocityField | _Flat:
+    field = bundle.policy(batch)
     return field if settings.jacobian else _Flat(field)
 
 

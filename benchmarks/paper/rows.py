@@ -20,7 +20,9 @@ class Question(Setting, frozen=True, kw_only=True):
     seed: int
     """Of the policy's training."""
     euler_steps: int | None = None
-    """T; None for the policy's own."""
+    """T of sampler ``euler``; None for the policy's own sampler and steps."""
+    exponential_steps: int | None = None
+    """T of sampler ``exponential``, in place of both."""
 
 
 class Key(msgspec.Struct, frozen=True):

@@ -33,11 +33,11 @@ class Monitor:
     Args:
         fleet: the robots and tracked objects with their goals.
         hold_ticks: for how many ticks in a row all that have goals must be there to hold them.
-        euler_steps: of a complete sample.
+        total_steps: of a complete sample.
         asked: the objectives that the run begins with.
     """
 
-    def __init__(self, fleet: Fleet, hold_ticks: int, euler_steps: int, asked: ObjectiveSet) -> None:
+    def __init__(self, fleet: Fleet, hold_ticks: int, total_steps: int, asked: ObjectiveSet) -> None:
         self.robots = {robot.id: RobotTally() for robot in fleet.robots}
         self.faults: Counter[str] = Counter()
         """Ticks that stopped the robot, by reason."""
@@ -62,7 +62,7 @@ class Monitor:
         """How far each tracked object that has a goal is from it, in m; infinite before it was seen."""
         self._tolerance_m = fleet.team.goal_tolerance_m
         self._hold_ticks, self._held = hold_ticks, 0
-        self._euler_steps = euler_steps
+        self._total_steps = total_steps
 
     def update(
         self, team: TeamState, guided: GuidedAction, command: Command, unfamiliar: Unfamiliar = FAMILIAR
@@ -80,7 +80,7 @@ class Monitor:
         self.stop_reason = command.stop_reason
         if command.stop_reason:
             self.faults[command.stop_reason] += 1
-        elif guided.steps < self._euler_steps:
+        elif guided.steps < self._total_steps:
             self.anytime_ticks += 1
 
     def no_state(self) -> None:
@@ -88,9 +88,9 @@ class Monitor:
         self.stop_reason = WAITS
         self.faults[WAITS] += 1
 
-    def take_over(self, euler_steps: int) -> None:
+    def take_over(self, total_steps: int) -> None:
         """Judge samples of another policy from now on, by the number of steps of a complete one."""
-        self._euler_steps = euler_steps
+        self._total_steps = total_steps
 
     def judge_anew(self, guide: Guide, now_s: float) -> None:
         """Begin to judge by other objectives, which hold from now on: after `SETTLE_S`."""

@@ -1,10 +1,12 @@
 """The method on one page: an action sampled from the guided flow, for one robot.
 
-At flow time tau = k / T, with velocity v and its Jacobian V from one pass through the network:
+At flow time tau, with velocity v and its Jacobian V from one pass through the network:
 
     a_hat = a + (1 - tau) v                        terminal estimate
     g_m   = -(I + (1 - tau) V)^T grad J_m(a_hat)   eq. 11; grad J_m through the motion model, see slopes.py
     a    <- a + (v + combine(eta lambda, g, v)) / T     eqs. 10 and 12, combined by eqs. 14 and 15
+
+The last line is sampler ``euler``; ``exponential`` needs fewer steps, see `edge_runtime.policy.flow_steps`.
 
 Taken literally, eq. 15 forbids braking: once guidance has moved the action, the flow pulls it back, so what
 brakes opposes v and is removed. Mode ``terminal`` keeps the paper's projections while the action is still
@@ -16,6 +18,7 @@ being generated and, at tau = 1, where no flow is left to protect, moves the fin
 in Newton steps for costs in squared action units, whatever eta and however contracted the flow.
 Preferences (formations, clusters) are wishes: they move the action by ``reach`` at most, and robots that
 carry or explore can go on. Requirements (speed, distance, fences) have the last word, and no limit.
+Mode ``correction`` does nothing but this: the flow goes its own way, and needs no Jacobian.
 
 `export.evaluation.guidance` does the same for B robots, `edge_runtime.guidance.native_flow` in the kernel.
 """
@@ -85,10 +88,10 @@ def guided_action(
             guide.previews, guide.horizons_s, guide.sees_team, strict=True
         )
     ]
-    sampler, total = policy.sampler, policy.euler_steps
+    sampler, total = policy.sampler, len(policy.schedule)
     start = rest if start is None else start
     most_steps = total if most_steps is None else most_steps
-    if sampler is not None and sampler.knows(guide.projection, guide.kernel_terms):
+    if sampler is not None and sampler.knows(guide.projection, guide.kernel_terms if guide.steers else ()):
         sampled = native_flow(sampler, outlooks, guide, start, deadline_s, total, most_steps)
     else:
         sampled = _flow(policy, outlooks, guide, start, deadline_s, most_steps)
@@ -104,14 +107,17 @@ def _flow(
     deadline_s: float,
     most_steps: int,
 ) -> GuidedAction:
-    """Take the Euler steps one by one; the observation is set already."""
-    bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True))
-    action, total, tally, cut = start, policy.euler_steps, _Tally(len(bound)), False
-    rest = (0.0,) * len(start)
+    """Take the steps one by one; the observation is set already."""
+    bound = list(zip(guide.objectives, outlooks, guide.factors, strict=True)) if guide.steers else []
+    action, total, tally, cut = start, len(policy.schedule), _Tally(len(outlooks)), False
+    rest = network = (0.0,) * len(start)
     now, longest = time.monotonic(), 0.0
-    for k in range(total):
-        left = 1.0 - k / total
-        velocity, *tangents = policy.step(k, (action,))[:, 0].tolist()
+    for k, step in enumerate(policy.schedule):
+        left = 1.0 - step.tau
+        if bound:
+            velocity, *tangents = policy.step(k, (action,))[:, 0].tolist()
+        else:
+            velocity, tangents = policy.velocity(k, (action,))[0].tolist(), []
         estimate = plus(action, left, velocity)  # a_hat of eq. 10
         try:
             directions, factors, members = _pulled_back(bound, estimate, left, tangents, tally.costs)
@@ -119,13 +125,13 @@ def _flow(
             return GuidedAction(estimate, k, fault=str(error), correction=rest, objective_failed=True)
         conflicting = len(members) > 1 and tally.count_conflicts(directions, members)
         guidance = _combined(guide, directions, factors, velocity, tally, conflicting=conflicting)
-        # eq. 12, an Euler step of eq. 10
-        action = tuple([a + (v + g) / total for a, v, g in zip(action, velocity, guidance, strict=True)])
+        earlier, network = network, tuple(map(step.network, action, velocity))
+        action = tuple(map(step.end, action, network, earlier, guidance))  # eq. 12, integrated
         before, now = now, time.monotonic()
         longest = max(longest, now - before)
         cut = k + 1 < total and (now + longest > deadline_s or k + 1 == most_steps)
         if cut:
-            action = tuple([a + g / total for a, g in zip(estimate, guidance, strict=True)])
+            action = plus(estimate, step.gain, guidance)
             break
     costs, conflicts = tuple(tally.costs), tuple(tally.conflicts)
     return GuidedAction(

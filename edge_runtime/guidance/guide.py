@@ -4,19 +4,28 @@ import functools
 import hashlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.projection import Projection
-from edge_runtime.guidance.settings import ObjectiveSet
+from edge_runtime.guidance.settings import Mode, ObjectiveSet
 from edge_runtime.motion.linear import Row, constant_gains
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.prediction import Preview
 from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import FlowStart, Manifest
+
+PROJECTIONS: Final[dict[Mode, Projection]] = {
+    "none": "none",
+    "hierarchical": "hierarchical",
+    "cone": "cone",
+    "terminal": "hierarchical",
+    "correction": "none",
+}
+"""How each mode resolves conflicts along the flow."""
 
 
 class Guide(msgspec.Struct, frozen=True):
@@ -44,8 +53,10 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,): the head of an `edge_runtime.policy.velocity_field.Term`."""
     projection: Projection
     """How conflicts are resolved along the flow."""
+    steers: bool
+    """Whether objectives steer along the flow: all modes but ``correction``."""
     corrected: bool
-    """Whether the finished action is corrected at tau = 1, mode ``terminal``."""
+    """Whether the finished action is corrected at tau = 1: modes ``terminal`` and ``correction``."""
     preferences: tuple[int, ...]
     """Those that move the finished action by ``reach`` at most."""
     requirements: tuple[int, ...]
@@ -85,7 +96,7 @@ def make_guide(
     check_objectives(followed, model)
     settings = followed.guidance
     active = tuple(o for o in followed.objectives if settings.scale * o.weight > 0.0)
-    corrected = settings.mode == "terminal" and bool(active)
+    corrected = settings.mode in ("terminal", "correction") and bool(active)
     places = range(len(active) if corrected else 0)
     previews = tuple(model.preview(objective.look_ahead) for objective in active)
     gains = tuple(constant_gains(view, each.of) for view, each in zip(previews, active, strict=True))
@@ -105,7 +116,8 @@ def make_guide(
             (settings.scale * each.weight, float(model.dims), *gain)
             for each, gain in zip(active, gains, strict=True)
         ),
-        projection="hierarchical" if settings.mode == "terminal" else settings.mode,
+        projection=PROJECTIONS[settings.mode],
+        steers=settings.mode != "correction" and bool(active),
         corrected=corrected,
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),

@@ -16,15 +16,14 @@ def native_flow(
     guide: Guide,
     start: Vector,
     deadline_s: float,
-    euler_steps: int,
+    total: int,
     most_steps: int,
 ) -> GuidedAction:
     """Sample an action that is still to be corrected; the observation is set already."""
     terms: list[Term] = []
     rest = (0.0,) * len(start)
-    for kind, head, objective, outlook in zip(
-        guide.kernel_terms, guide.kernel_heads, guide.objectives, outlooks, strict=True
-    ):
+    steering = zip(guide.kernel_terms, guide.kernel_heads, guide.objectives, outlooks, strict=True)
+    for kind, head, objective, outlook in steering if guide.steers else ():
         try:
             numbers = encoded(objective, outlook)
         except ObjectiveError as error:
@@ -34,14 +33,14 @@ def native_flow(
     if sample.fault >= 0:
         fault = str(not_finite(guide.objectives[sample.fault]))
         return GuidedAction(sample.action, sample.steps, fault=fault, correction=rest, objective_failed=True)
-    cut = sample.steps < euler_steps
+    cut, nothing = sample.steps < total, (0,) * len(outlooks)
     return GuidedAction(
         sample.action,
         sample.steps,
-        sample.costs,
+        sample.costs or nothing,
         sample.projections,
         "",
-        sample.conflicts,
+        sample.conflicts or nothing,
         sample.opposed,
         correction=rest,
         cut=cut,

@@ -13,8 +13,9 @@ import msgspec
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 
-Mode = Literal["none", "hierarchical", "cone", "terminal"]
-"""``terminal`` is ``hierarchical`` with the correction at tau = 1; the others name their projection."""
+Mode = Literal["none", "hierarchical", "cone", "terminal", "correction"]
+"""``terminal`` is ``hierarchical`` with the correction at tau = 1, ``correction`` that correction of a flow
+that is left alone; the others name their projection."""
 
 
 class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -27,10 +28,10 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     mode: Mode = "terminal"
     """How conflicts are resolved: the projection, and whether the finished action is corrected."""
     scale: float = 10.0
-    """eta of eq. 10."""
+    """eta of eq. 10; mode ``correction`` knows only whether it is zero."""
     reach: float = 0.5
     """How far preferences (formations, clusters) may move the finished action, in units of the action;
-    requirements move it as far as it takes. Mode ``terminal`` only."""
+    requirements move it as far as it takes. Modes ``terminal`` and ``correction`` only."""
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
 

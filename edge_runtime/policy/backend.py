@@ -10,6 +10,7 @@ import numpy as np
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.policy.compiled_policy import CompiledPolicy
+from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.weights import FlowWeights
 
@@ -21,14 +22,19 @@ _TOLERANCE: Final = 1e-5
 
 
 def make_policy(
-    weights: FlowWeights, euler_steps: int, batch: int = 1, backend: Backend = "auto"
+    weights: FlowWeights,
+    steps: int,
+    batch: int = 1,
+    sampler: SamplerName = "euler",
+    backend: Backend = "auto",
 ) -> FlowPolicy | CompiledPolicy:
     """Prepare a network for ``batch`` observations at once.
 
     Args:
         weights: the network.
-        euler_steps: T.
+        steps: T.
         batch: B.
+        sampler: how the flow is integrated in them.
         backend: ``auto`` takes the compiled kernel where it works and numpy elsewhere, with one warning
             on stderr that says why.
 
@@ -39,12 +45,12 @@ def make_policy(
     """
     if backend not in BACKENDS:
         raise PolicyError(f"backend {backend!r} is not one of {', '.join(BACKENDS)}")
-    reference = FlowPolicy(weights, euler_steps, batch)
+    reference = FlowPolicy(weights, steps, batch, sampler)
     _check_finite(reference)
     if backend == "numpy":
         return reference
     try:
-        compiled = CompiledPolicy(weights, euler_steps, batch)
+        compiled = CompiledPolicy(weights, steps, batch, sampler)
         _check_agreement(compiled, reference)
     except PolicyError as error:
         if backend == "compiled":
@@ -57,7 +63,7 @@ def make_policy(
 def _steps(policy: FlowPolicy | CompiledPolicy) -> Iterator[Array]:
     """What a policy computes from ordinary inputs at each flow time."""
     rng = np.random.default_rng(0)
-    for k in range(policy.euler_steps):
+    for k in range(len(policy.schedule)):
         policy.observe(rng.standard_normal((policy.batch, policy.observation_dim), np.float32))
         yield policy.step(k, rng.standard_normal((policy.batch, policy.action_dim), np.float32))
 

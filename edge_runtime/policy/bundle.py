@@ -6,13 +6,16 @@ other files: a changed byte anywhere is refused before anything is computed.
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+
+from msgspec import structs
 
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import BundleError, PolicyError
 from edge_runtime.policy.backend import Backend, make_policy
+from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.manifest import Manifest
 from edge_runtime.policy.manifest_file import read_manifest
 from edge_runtime.policy.numpy_policy import FlowPolicy
@@ -44,19 +47,22 @@ class Bundle:
         """Whether it is the bundle of this manifest, or the same policy under a later one."""
         return sha256 == self.sha256 or sha256 in self.manifest.supersedes
 
-    def policy(self, batch: int = 1, euler_steps: int | None = None) -> FlowPolicy | OnnxPolicy:
+    def sampled(self, sampler: SamplerName, steps: int) -> "Bundle":
+        """The same policy, its flow integrated otherwise than its manifest says."""
+        return replace(self, manifest=structs.replace(self.manifest, sampler=sampler, sampler_steps=steps))
+
+    def policy(self, batch: int = 1) -> FlowPolicy | OnnxPolicy:
         """Prepare the reference for ``batch`` observations at once: what parity is judged by.
 
         Args:
             batch: B, the number of observations computed together.
-            euler_steps: T; the manifest's where None.
 
         Raises:
             PolicyError: if a number is below one, or onnxruntime is needed and not installed.
         """
         if self.weights is None:
-            return self.graph_policy(batch, euler_steps)
-        return FlowPolicy(self.weights, self._steps(euler_steps), batch)
+            return self.graph_policy(batch)
+        return FlowPolicy(self.weights, self.manifest.steps, batch, self.manifest.sampler)
 
     def field(self, backend: Backend = "auto") -> VelocityField:
         """Prepare the policy of a control loop on the backend asked for.
@@ -66,19 +72,18 @@ class Bundle:
                 policy.
         """
         if self.weights is not None:
-            return make_policy(self.weights, self.manifest.euler_steps, backend=backend)
+            return make_policy(self.weights, self.manifest.steps, 1, self.manifest.sampler, backend)
         if backend != "auto":
             raise PolicyError(f"{self.directory}: this policy runs in onnxruntime only, not in {backend}")
         return self.policy()
 
-    def graph_policy(self, batch: int = 1, euler_steps: int | None = None) -> OnnxPolicy:
+    def graph_policy(self, batch: int = 1) -> OnnxPolicy:
         """Prepare the policy's graph for onnxruntime, whatever runtime the manifest prefers; as `policy`."""
-        graph, sizes = self.directory / GRAPH_FILE, (self.manifest.action_dim, self.manifest.observation_dim)
+        manifest, graph = self.manifest, self.directory / GRAPH_FILE
+        sizes = (manifest.action_dim, manifest.observation_dim)
         try_graph(graph, *sizes)
-        return OnnxPolicy(graph, *sizes, self._steps(euler_steps), batch)
-
-    def _steps(self, euler_steps: int | None) -> int:
-        return self.manifest.euler_steps if euler_steps is None else euler_steps
+        prior_std = manifest.network.prior_std if manifest.network else None
+        return OnnxPolicy(graph, *sizes, manifest.steps, batch, manifest.sampler, prior_std)
 
 
 def load_bundle(directory: Path) -> Bundle:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
+from edge_runtime.policy.flow_steps import SamplerName, Schedule, flow_steps
 from edge_runtime.policy.velocity_field import Sample, Sampler, Term, check_counts, check_observation
 from edge_runtime.policy.weights import FlowWeights
 
@@ -94,20 +95,29 @@ class CompiledPolicy:
 
     Args:
         weights: the network.
-        euler_steps: T, the number of flow steps that ``step`` is prepared for.
+        steps: T, the number of flow steps that ``step`` is prepared for.
         batch: B.
+        sampler: how the flow is integrated in them.
         engine: one of the instruction sets that ``engines()`` lists; the fastest where empty.
 
     Raises:
-        PolicyError: if ``euler_steps`` or ``batch`` is below one, or the kernel is missing or cannot hold
+        PolicyError: if ``steps`` or ``batch`` is below one, or the kernel is missing or cannot hold
             the network.
     """
 
     backend = "compiled"
 
-    def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1, engine: str = "") -> None:
-        check_counts(euler_steps, batch)
-        self.batch, self.euler_steps = batch, euler_steps
+    def __init__(
+        self,
+        weights: FlowWeights,
+        steps: int,
+        batch: int = 1,
+        sampler: SamplerName = "euler",
+        engine: str = "",
+    ) -> None:
+        check_counts(steps, batch)
+        self.batch, self.schedule = batch, flow_steps(sampler, steps, weights.prior_std)
+        self._euler = sampler == "euler"
         self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
         kernel = load_kernel()
         self.engine = engine or kernel.engines()[0]
@@ -118,7 +128,7 @@ class CompiledPolicy:
         self._action = np.empty((batch, self.action_dim), np.float32)
         result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
         self._velocity_and_tangents = result.transpose(1, 0, 2)
-        self._network = _build(kernel, weights, euler_steps, self._action, result, self.engine)
+        self._network = _build(kernel, weights, self.schedule, self._action, result, self.engine)
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.
@@ -131,15 +141,19 @@ class CompiledPolicy:
         self._network.observe(observation)
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:
-        """Velocity and Jacobian at flow time k / T; see `VelocityField.step`."""
+        """Velocity and Jacobian at the beginning of a step; see `VelocityField.step`."""
         self._action[:] = action
         self._network.step(k)
         return self._velocity_and_tangents
 
+    def velocity(self, k: int, action: npt.ArrayLike) -> Array:
+        """The velocity; see `VelocityField.velocity`."""
+        return self.step(k, action)[0]
+
     @property
     def sampler(self) -> Sampler | None:
-        """Itself."""
-        return self
+        """Itself, where the kernel knows how to integrate the flow."""
+        return self if self._euler else None
 
     def knows(self, projection: str, kinds: Collection[str]) -> bool:
         """Whether the kernel computes these; see `Sampler.knows`."""
@@ -169,14 +183,14 @@ class CompiledPolicy:
 
 
 def _build(
-    kernel: _Kernel, weights: FlowWeights, euler_steps: int, action: Array, result: Array, engine: str
+    kernel: _Kernel, weights: FlowWeights, schedule: Schedule, action: Array, result: Array, engine: str
 ) -> _Network:
     """The network for the batch of ``action`` (B, d), which its steps read; ``result`` is what they write."""
 
     def contiguous(values: npt.ArrayLike) -> Array:
         return np.ascontiguousarray(values, np.float32)
 
-    tau = np.arange(euler_steps) / euler_steps
+    tau = np.array([step.tau for step in schedule])
     arrays = (
         contiguous(weights.action),
         contiguous(weights.observation),
@@ -187,7 +201,7 @@ def _build(
         contiguous(weights.matrices[-1].T),
         contiguous(weights.biases[-1]),
     )
-    sizes = (weights.action_dim, weights.observation_dim, euler_steps, len(action))
+    sizes = (weights.action_dim, weights.observation_dim, len(schedule), len(action))
     try:
         silu = weights.activation == "silu"
         return kernel.Network(engine, silu, sizes, weights.hidden, arrays, action, result)

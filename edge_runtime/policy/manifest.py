@@ -7,6 +7,7 @@ import msgspec
 from edge_runtime.motion.body import Body
 from edge_runtime.motion.models import MotionModel
 from edge_runtime.observation import Extent, ObservationField
+from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.weights import Activation
 
 BUNDLE_FORMAT = "cfpg-bundle/2"
@@ -96,7 +97,7 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     control_rate_hz: float
     """The rate that it was trained at."""
     euler_steps: int
-    """T, the steps in which an action is made."""
+    """T, the steps in which an action was made in training, and is unless `sampler_steps` says otherwise."""
     network: Network | None
     """None where only onnxruntime can express the graph."""
     motion: MotionModel
@@ -108,5 +109,14 @@ class Manifest(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """SHA-256 of each other file of the bundle, in hexadecimal."""
     start: FlowStart = "noise"
     """What its flow starts from."""
+    sampler: SamplerName = "euler"
+    """How its flow is integrated; `edge_runtime.policy.flow_steps` has both."""
+    sampler_steps: int | None = None
+    """The steps in which an action is made where they are others than `euler_steps`."""
     supersedes: tuple[str, ...] = ()
     """SHA-256 of earlier manifests of the same policy: logs made with those replay with this one."""
+
+    @property
+    def steps(self) -> int:
+        """T, the steps in which an action is made."""
+        return self.euler_steps if self.sampler_steps is None else self.sampler_steps

@@ -5,11 +5,14 @@ their d tangents, so a layer costs one product. What depends on the observation 
 what depends on flow time once at load.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numpy import add, multiply, subtract, tanh
 
 from edge_runtime.common.arrays import Array
+from edge_runtime.policy.flow_steps import SamplerName, flow_steps
 from edge_runtime.policy.velocity_field import check_counts, check_observation
 from edge_runtime.policy.weights import FlowWeights
 
@@ -37,35 +40,52 @@ class _Layer:
         )
 
 
+class _Rows(NamedTuple):
+    """What one pass computes: the values alone, or their tangents with them."""
+
+    products: list[tuple[Array, Array, Array, _Layer]]
+    """What each layer's product reads and writes; the layer."""
+    final: Array
+    """What the last one reads."""
+    product: Array
+    """What it writes."""
+    result: Array
+    """Of that, what is wanted: (1 or 1 + d, B, d)."""
+    tangents: bool
+
+
 class FlowPolicy:
     """v_theta(a, tau | o) and dv/da for B inputs at once (paper, section II; DESIGN: forward mode).
 
     Args:
         weights: the network.
-        euler_steps: T, the number of flow steps that ``step`` is prepared for.
+        steps: T, the number of flow steps that ``step`` is prepared for.
         batch: B, fixed because every buffer is allocated here.
+        sampler: how the flow is integrated in them.
 
     Raises:
-        PolicyError: if ``euler_steps`` or ``batch`` is below one.
+        PolicyError: if ``steps`` or ``batch`` is below one.
     """
 
     backend = "numpy"
     sampler = None
 
-    def __init__(self, weights: FlowWeights, euler_steps: int, batch: int = 1) -> None:
-        check_counts(euler_steps, batch)
-        self.batch, self.euler_steps = batch, euler_steps
+    def __init__(
+        self, weights: FlowWeights, steps: int, batch: int = 1, sampler: SamplerName = "euler"
+    ) -> None:
+        check_counts(steps, batch)
+        self.batch, self.schedule = batch, flow_steps(sampler, steps, weights.prior_std)
         self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
         self._weights = weights
         self._silu = weights.activation == "silu"
         # SiLU(x) = u (1 + tanh u) with u = x / 2: the half is folded into every layer that feeds one.
         half = np.float32(0.5 if self._silu else 1.0)
         self._half = half
-        tau = np.arange(euler_steps) / euler_steps
+        tau = np.array([step.tau for step in self.schedule])
         self._action_rows = np.ascontiguousarray(weights.action * half)
         self._observation_rows = np.ascontiguousarray(weights.observation * half)
         self._time_parts = (weights.time_part(tau) * half).astype(np.float32)[:, None, :]
-        self._offsets = np.empty((euler_steps, batch, weights.hidden[0]), np.float32)
+        self._offsets = np.empty((steps, batch, weights.hidden[0]), np.float32)
         self._observed = np.empty((batch, weights.hidden[0]), np.float32)
         self._stacked = [
             np.vstack([matrix, bias]).astype(np.float32) * half
@@ -89,7 +109,6 @@ class FlowPolicy:
             _Layer(rows, batch, d, width, extra=1 + d if index == last else 1)
             for index, width in enumerate(weights.hidden)
         ]
-        self._inner = list(zip(self._layers, self._stacked, self._layers[1:], strict=False))
         # The first layer's tangents before its activation are the action's weight rows themselves.
         first = self._layers[0]
         first.tangents = [
@@ -98,10 +117,21 @@ class FlowPolicy:
         final = self._layers[-1].after
         self._action = final[:batch, -d:]
         final[batch : batch * (1 + d)].reshape(d, batch, -1)[..., -d:] = np.eye(d)[:, None, :]
-        self._result = np.empty((rows, d), np.float32)
-        self._velocity_and_tangents = self._result[: batch * (1 + d)].reshape(1 + d, batch, d)
+        result = np.empty((rows, d), np.float32)
+        self._all, self._values = self._rows(result), self._rows(result[:batch])
         # Arrays of no dimension: numpy is slower with its own scalars.
         self._one, self._two = np.array(1.0, np.float32), np.array(2.0, np.float32)
+
+    def _rows(self, product: Array) -> _Rows:
+        """As many of the layers' rows as ``product`` has, which the last layer writes."""
+        count, batch, d = len(product), self.batch, self.action_dim
+        kinds = 1 if count == batch else 1 + d
+        products = [
+            (above.after[:count], matrix, layer.before[:count], layer)
+            for above, matrix, layer in zip(self._layers, self._stacked, self._layers[1:], strict=False)
+        ]
+        result = product[: batch * kinds].reshape(kinds, batch, d)
+        return _Rows(products, self._layers[-1].after[:count], product, result, kinds > 1)
 
     def observe(self, observation: npt.ArrayLike) -> None:
         """Set the observations (B, O) for the coming steps.
@@ -115,9 +145,14 @@ class FlowPolicy:
         add(self._time_parts, self._observed, self._offsets)
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:
-        """Velocity and Jacobian at flow time k / T; see `VelocityField.step`."""
+        """Velocity and Jacobian at the beginning of a step; see `VelocityField.step`."""
         self._action[:] = action
-        return self._forward(self._offsets[k], self._output[k])
+        return self._forward(self._offsets[k], self._output[k], self._all)
+
+    def velocity(self, k: int, action: npt.ArrayLike) -> Array:
+        """The velocity alone; see `VelocityField.velocity`."""
+        self._action[:] = action
+        return self._forward(self._offsets[k], self._output[k], self._values)[0]
 
     def evaluate(self, action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike) -> Array:
         """Evaluate at any flow time: action (B, d), tau (B,), observation (B, O) -> (1 + d, B, d).
@@ -128,37 +163,40 @@ class FlowPolicy:
         self._action[:] = action
         observed = np.asarray(observation, np.float32) @ self._observation_rows
         offset = (observed + self._weights.time_part(tau) * self._half).astype(np.float32)
-        result = self._forward(offset, self._output_matrix(0.0)).copy()
+        result = self._forward(offset, self._output_matrix(0.0), self._all).copy()
         gain = self._weights.prior_gain(tau).astype(np.float32)[:, None]
         result[0] += gain * self._action
         for j in range(self.action_dim):
             result[1 + j, :, j] += gain[:, 0]
         return result
 
-    def _forward(self, offset: Array, output: Array) -> Array:
-        layers = self._layers
-        first = layers[0]
+    def _forward(self, offset: Array, output: Array, rows: _Rows) -> Array:
+        first = self._layers[0]
         self._action.dot(self._action_rows, first.before_value)
         add(first.before_value, offset, first.before_value)
-        self._activate(first)
-        for previous, matrix, layer in self._inner:
-            previous.after.dot(matrix, layer.before)
-            self._activate(layer)
-        layers[-1].after.dot(output, self._result)
-        return self._velocity_and_tangents
+        self._activate(first, tangents=rows.tangents)
+        for above, matrix, below, layer in rows.products:
+            above.dot(matrix, below)
+            self._activate(layer, tangents=rows.tangents)
+        rows.final.dot(output, rows.product)
+        return rows.result
 
-    def _activate(self, layer: _Layer) -> None:
+    def _activate(self, layer: _Layer, *, tangents: bool) -> None:
         """The activation's value, and its slope times the tangents, in place."""
         u, gate, slope = layer.before_value, layer.gate, layer.slope
         if self._silu:
             tanh(u, gate)
             add(gate, self._one, gate)  # g = 1 + tanh u = 2 sigmoid(x)
             multiply(u, gate, layer.after_value)  # SiLU(x) = u g
+            if not tangents:
+                return
             subtract(self._two, gate, slope)
             multiply(slope, layer.after_value, slope)
             add(slope, gate, slope)  # d SiLU / du = g + u g (2 - g)
         else:
             tanh(u, layer.after_value)
+            if not tangents:
+                return
             multiply(layer.after_value, layer.after_value, slope)
             subtract(self._one, slope, slope)
         for before, after in layer.tangents:

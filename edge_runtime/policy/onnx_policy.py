@@ -12,6 +12,7 @@ from edge_runtime.common.arrays import Array
 from edge_runtime.common.printable import first_line
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import PolicyError
+from edge_runtime.policy.flow_steps import SamplerName, flow_steps
 from edge_runtime.policy.schema import LARGEST_FILE
 from edge_runtime.policy.velocity_field import check_counts, check_observation
 
@@ -37,8 +38,10 @@ class OnnxPolicy:
             jacobian (B, d, d) with [b, i, j] = dv_i/da_j.
         action_dim: d.
         observation_dim: O.
-        euler_steps: T, the number of flow steps.
+        steps: T, the number of flow steps.
         batch: B.
+        sampler: how the flow is integrated in them.
+        prior_std: s of the prior field, which the graph's velocity includes; None if there is none.
 
     Raises:
         PolicyError: if a number is below one, onnxruntime is not installed, or the graph does not fit
@@ -49,10 +52,17 @@ class OnnxPolicy:
     sampler = None
 
     def __init__(
-        self, graph: Path, action_dim: int, observation_dim: int, euler_steps: int, batch: int = 1
+        self,
+        graph: Path,
+        action_dim: int,
+        observation_dim: int,
+        steps: int,
+        batch: int = 1,
+        sampler: SamplerName = "euler",
+        prior_std: float | None = None,
     ) -> None:
-        check_counts(euler_steps, batch)
-        self.batch, self.euler_steps = batch, euler_steps
+        check_counts(steps, batch)
+        self.batch, self.schedule = batch, flow_steps(sampler, steps, prior_std)
         self.action_dim, self.observation_dim = action_dim, observation_dim
         self._graph, self._session = graph, _open_session(graph)
         self._observation = np.zeros((batch, observation_dim), np.float32)
@@ -71,28 +81,38 @@ class OnnxPolicy:
         self._observation = observation.copy()
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:
-        """Velocity and Jacobian at flow time k / T; see `VelocityField.step`."""
-        return self._run(action, np.full(self.batch, k / self.euler_steps), self._observation)
+        """Velocity and Jacobian at the beginning of a step; see `VelocityField.step`."""
+        return self._run(action, np.full(self.batch, self.schedule[k].tau), self._observation)
+
+    def velocity(self, k: int, action: npt.ArrayLike) -> Array:
+        """The velocity alone; see `VelocityField.velocity`."""
+        tau = np.full(self.batch, self.schedule[k].tau)
+        return self._computed(["velocity"], action, tau, self._observation)[0]
 
     def evaluate(self, action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike) -> Array:
         """Evaluate at any flow time: action (B, d), tau (B,), observation (B, O) -> (1 + d, B, d)."""
         return self._run(action, tau, observation).copy()
 
     def _run(self, action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike) -> Array:
+        velocity, jacobian = self._computed(["velocity", "jacobian"], action, tau, observation)
+        self._result[0] = velocity
+        self._result[1:] = np.moveaxis(jacobian, 2, 0)
+        return self._result
+
+    def _computed(
+        self, outputs: list[str], action: npt.ArrayLike, tau: npt.ArrayLike, observation: npt.ArrayLike
+    ) -> list[Array]:
         inputs = {
             "action": np.asarray(action, np.float32),
             "tau": np.asarray(tau, np.float32)[:, None],
             "observation": np.asarray(observation, np.float32),
         }
         try:
-            velocity, jacobian = self._session.run(["velocity", "jacobian"], inputs)
+            return self._session.run(outputs, inputs)
         except Exception as error:  # onnxruntime's errors share no other base class
             raise PolicyError(
                 f"{self._graph}: cannot be computed for a batch of {self.batch} ({first_line(error)})"
             ) from error
-        self._result[0] = velocity
-        self._result[1:] = np.moveaxis(jacobian, 2, 0)
-        return self._result
 
 
 def _open_session(graph: Path) -> _Session:

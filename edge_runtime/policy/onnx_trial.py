@@ -37,7 +37,7 @@ def try_graph(graph: Path, action_dim: int, observation_dim: int, bounds: Bounds
 
 
 def _try(trial: _Trial) -> str:
-    OnnxPolicy(Path(trial.graph), trial.action_dim, trial.observation_dim, euler_steps=1)
+    OnnxPolicy(Path(trial.graph), trial.action_dim, trial.observation_dim, steps=1)
     return ""
 
 

@@ -15,7 +15,7 @@ from edge_runtime.policy.manifest import Manifest, Spaces, Training
 
 GRAPH_FILE: Final = "policy.onnx"
 WEIGHTS_FILE: Final = "policy.npz"
-MAX_EULER_STEPS: Final = 1000
+MAX_STEPS: Final = 1000
 MAX_RAYS: Final = 1024
 MAX_LAYERS: Final = 16
 """As many as the compiled kernel takes."""
@@ -50,7 +50,8 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     rules = _Rules(source)
     rules.name("name", manifest.name)
     rules.between("control_rate_hz", manifest.control_rate_hz, *RATE_HZ)
-    rules.between("euler_steps", manifest.euler_steps, 1, MAX_EULER_STEPS)
+    rules.between("euler_steps", manifest.euler_steps, 1, MAX_STEPS)
+    rules.between("sampler_steps", manifest.steps, 1, MAX_STEPS)
     _check_body(rules, manifest.body)
     _check_motion(rules, manifest.motion)
     steps = manifest.motion.dt_s * manifest.control_rate_hz

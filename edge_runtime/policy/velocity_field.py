@@ -8,6 +8,7 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
+from edge_runtime.policy.flow_steps import Schedule
 
 Term = tuple[str, Sequence[float], Sequence[float]]
 """One cost of one tick, in plain numbers; who states it and what it is for, a policy need not know.
@@ -54,14 +55,14 @@ class Sampler(Protocol):
         ...
 
 
-def check_counts(euler_steps: int, batch: int) -> None:
+def check_counts(steps: int, batch: int) -> None:
     """Refuse no steps, or no inputs.
 
     Raises:
         PolicyError: if either is below one.
     """
-    if min(euler_steps, batch) < 1:
-        raise PolicyError(f"euler_steps and batch must be at least 1, got {euler_steps} and {batch}")
+    if min(steps, batch) < 1:
+        raise PolicyError(f"steps and batch must be at least 1, got {steps} and {batch}")
 
 
 def check_observation(observation: Array, batch: int, size: int) -> None:
@@ -79,7 +80,8 @@ class VelocityField(Protocol):
 
     backend: str
     batch: int
-    euler_steps: int
+    schedule: Schedule
+    """The T steps."""
     action_dim: int
     observation_dim: int
 
@@ -93,13 +95,17 @@ class VelocityField(Protocol):
         ...
 
     def step(self, k: int, action: npt.ArrayLike) -> Array:
-        """Evaluate at flow time k / T.
+        """Evaluate at the beginning of a step.
 
         Args:
-            k: Euler step, 0 <= k < T.
+            k: its number, 0 <= k < T.
             action: (B, d) current actions along the flow.
 
         Returns:
             (1 + d, B, d), valid until the next call: [0] is the velocity v, [1 + j] is dv/da_j.
         """
+        ...
+
+    def velocity(self, k: int, action: npt.ArrayLike) -> Array:
+        """Evaluate as ``step``, the velocity (B, d) alone, which costs less."""
         ...

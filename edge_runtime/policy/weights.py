@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Array, Floats
+from edge_runtime.policy.flow_steps import prior_gain
 
 Activation = Literal["silu", "tanh"]
 
@@ -71,5 +72,4 @@ class FlowWeights:
         tau = np.asarray(tau, np.float64)
         if self.prior_std is None:
             return np.zeros_like(tau)
-        variance = self.prior_std**2
-        return np.asarray((tau * variance - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * variance))
+        return np.asarray(prior_gain(tau, self.prior_std))

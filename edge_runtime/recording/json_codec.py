@@ -2,7 +2,7 @@
 
 import math
 import types
-from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -41,6 +41,8 @@ def json_schema(record: type[msgspec.Struct]) -> bytes:
 def _schema(kind: Any) -> dict[str, Any]:  # noqa: ANN401  # types of any form
     if kind in _SCALARS:
         return {"type": _SCALARS[kind]}
+    if get_origin(kind) is Literal:
+        return {"type": "string"}
     if get_origin(kind) is tuple:
         item, *more = get_args(kind)
         sizes = {} if more == [...] else {"minItems": 1 + len(more), "maxItems": 1 + len(more)}

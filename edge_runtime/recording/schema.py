@@ -22,10 +22,13 @@ import msgspec
 from edge_runtime.common.bounds import GREATEST, MOST_OBJECTIVES, MOST_ROBOTS, RATE_HZ, check_bounds
 from edge_runtime.messages import Action, Command, GuidedAction, Integer, Place, TeamState
 from edge_runtime.policy.adaptation import Adaptation
+from edge_runtime.policy.flow_steps import SamplerName
+from edge_runtime.policy.schema import MAX_STEPS
 
-LOG_FORMAT: Final = "cfpg-log/3"
-READ_FORMATS: Final = ("cfpg-log/2", LOG_FORMAT)
-"""Logs of format 2 lack yaw rates and tracked objects: nobody's turned, and there were none."""
+LOG_FORMAT: Final = "cfpg-log/4"
+READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", LOG_FORMAT)
+"""Logs of format 2 lack yaw rates and tracked objects: nobody's turned, and there were none. Those before
+format 4 lack the sampler: it was Euler's."""
 LATEST_S: Final = 1e11
 """No clock of a robot says more: that is 3,000 years."""
 
@@ -58,9 +61,11 @@ class BundleIdentity(msgspec.Struct, frozen=True):
     """Of the robots' discs."""
     euler_steps: Integer
     """T: a sample of fewer steps was cut short by its deadline, or refused."""
+    sampler: SamplerName = "euler"
+    """How the flow was integrated in them."""
 
     def __post_init__(self) -> None:
-        check_bounds(self, {"radius_m": (0.0, GREATEST)})
+        check_bounds(self, {"radius_m": (0.0, GREATEST), "euler_steps": (1, MAX_STEPS)})
 
 
 class RobotPlace(msgspec.Struct, frozen=True):

@@ -94,7 +94,8 @@ def identify(mission: Mission) -> BundleIdentity:
         str(bundle.directory.resolve()),
         bundle.sha256,
         manifest.body.radius_m,
-        manifest.euler_steps,
+        manifest.steps,
+        manifest.sampler,
     )
 
 

@@ -59,7 +59,7 @@ class Session:
             return
         takeover.controller.succeed(self.controller)
         self.mission, self.controller = takeover.mission, takeover.controller
-        self.monitor.take_over(self.controller.policy.euler_steps)
+        self.monitor.take_over(len(self.controller.policy.schedule))
         if self.recorder:
             self.recorder.take_over(self.mission, self.controller)
         if not self.dry_run:  # a disk's time is not the loop's
@@ -204,7 +204,7 @@ def _prepare(
     dry_run: bool,
 ) -> Session:
     hold_ticks = max(1, math.ceil(HOLD_S * mission.rate_hz))
-    monitor = Monitor(mission.fleet, hold_ticks, controller.policy.euler_steps, mission.objective_set)
+    monitor = Monitor(mission.fleet, hold_ticks, len(controller.policy.schedule), mission.objective_set)
     timing = TimingRecord(STAGES)
     if recorder:
         recorder.begin(mission, controller, grid, timing, bridge=bridge.name, dry_run=dry_run)

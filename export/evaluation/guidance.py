@@ -33,18 +33,21 @@ def guided_actions(
         look_ahead_batch(team, preview, horizon_s)
         for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
     ]
-    action, total = np.array(start, np.float64), policy.euler_steps
+    action = np.array(start, np.float64)
+    guidance = network = np.zeros_like(action)
     factors, combine = np.array(guide.factors), combine or BATCH[guide.projection]
-    for k in range(total):
-        result = policy.step(k, action).astype(np.float64)
-        velocity, tangents, left = result[0], result[1:], 1.0 - k / total
-        guidance = np.zeros_like(action)
-        if outlooks:
+    for k, step in enumerate(policy.schedule):
+        if not guide.steers:
+            velocity = policy.velocity(k, action).astype(np.float64)
+        else:
+            result = policy.step(k, action).astype(np.float64)
+            velocity, tangents, left = result[0], result[1:], 1.0 - step.tau
             estimate = action + left * velocity
             gradients = action_slopes(guide, outlooks, estimate)
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
             guidance = combine(gradients, factors, velocity)
-        action += (velocity + guidance) / total
+        before, network = network, step.network(action, velocity)
+        action = step.end(action, network, before, guidance)
     if guide.preferences:
         action = _preferred(action, outlooks, guide)
     if guide.requirements:

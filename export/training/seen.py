@@ -61,8 +61,10 @@ def roll_out(bundle: Bundle, teams: int = TEAMS, episodes: int = EPISODES, seed:
             extremes = _widened(extremes, observation)
             policy.observe(observation)
             action = noise * draw.standard_normal((len(observation), manifest.action_dim))
-            for k in range(policy.euler_steps):
-                action += policy.step(k, action)[0] / policy.euler_steps
+            network = np.zeros_like(action)
+            for k, step in enumerate(policy.schedule):
+                before, network = network, step.network(action, policy.velocity(k, action))
+                action = step.end(action, network, before, 0.0)
             taken = np.clip(action, low, high).reshape(teams, -1, manifest.action_dim)
             world.reset(world.step(torch.from_numpy(taken).float()).terminated)
         world.reset(torch.ones(teams, dtype=torch.bool))

@@ -16,6 +16,7 @@ from edge_runtime.objectives import (
     SpatialOrder,
     SpeedLimit,
 )
+from edge_runtime.policy.flow_steps import flow_steps
 
 DYNAMICS = PointForce(mass_kg=1.0, drag=0.25, dt_s=0.1, substeps=2)
 
@@ -56,25 +57,30 @@ def random_team(draw, teammates=3, ids=None, model=DYNAMICS) -> TeamState:
     return TeamState(state(ids[0]), tuple(mates))
 
 
-def gaussian_flow(std, mean, steps):
+def gaussian_flow(std, mean, steps, sampler="euler"):
     """The exact flow from N(0, I) to N(mean, std^2 I): a linear field, no network at all.
 
     With a zero network the prior field alone transports to N(0, std^2 I); shifting the action by
     tau * mean and the velocity by mean moves its target.
     """
 
+    taken = flow_steps(sampler, steps, std)
+
     class ShiftedPrior:
-        sampler = None
-        backend, batch, euler_steps, action_dim, observation_dim = "closed form", 1, steps, 2, 1
+        sampler, schedule = None, taken
+        backend, batch, action_dim, observation_dim = "closed form", 1, 2, 1
 
         def observe(self, observation):
             pass
 
         def step(self, k, action):
-            tau = k / steps
+            tau = self.schedule[k].tau
             gain = (tau * std**2 - (1 - tau)) / ((1 - tau) ** 2 + tau**2 * std**2)
             velocity = gain * (np.asarray(action) - tau * mean) + mean
             return np.concatenate([velocity[None], gain * np.eye(2)[:, None, :]])
+
+        def velocity(self, k, action):
+            return self.step(k, action)[0]
 
     return ShiftedPrior()
 

@@ -1,5 +1,9 @@
 """Eqs. 10 to 15 in float64 PyTorch with autograd, written from the paper and independent of the runtime."""
 
+import itertools
+import math
+
+import scipy.integrate
 import scipy.optimize
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -106,27 +110,60 @@ def nominal_projection(total, nominal):
     return total
 
 
-def guided_action(weights, observation, costs, lambdas, eta, mode, start, steps, wishes=(), reach=0.0):
-    """T Euler steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate.
+def guided_action(
+    weights, observation, costs, lambdas, eta, mode, start, steps, wishes=(), reach=0.0, sampler="euler"
+):
+    """T steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate.
 
-    ``wishes`` are the places of those costs that mode ``terminal`` takes for preferences.
+    ``wishes`` are the places of those costs that the correction at tau = 1 takes for preferences.
     """
-    action = torch.tensor(start, dtype=torch.float64)
-    for k in range(steps):
-        tau = k / steps
+    action, past = torch.tensor(start, dtype=torch.float64), []
+    for tau, end in flow_times(sampler, steps):
         action = action.detach().requires_grad_(True)
         v = velocity(weights, action, tau, observation)
         estimate = action + (1 - tau) * v
         gradients = [-torch.autograd.grad(cost(estimate), action, retain_graph=True)[0] for cost in costs]
         v = v.detach()
-        guidance = combine(mode, gradients, lambdas, v) if gradients else torch.zeros_like(v)
-        action = action.detach() + (v + eta * guidance) / steps
-    if mode == "terminal":
+        steered = gradients and mode != "correction"
+        guidance = eta * combine(mode, gradients, lambdas, v) if steered else torch.zeros_like(v)
+        if sampler == "euler":
+            action = action.detach() + (end - tau) * (v + guidance)
+        else:
+            action = exponential_step(weights.prior_std, tau, end, action.detach(), v, guidance, past)
+    if mode in ("terminal", "correction"):
         weighted = [(costs[m], lambdas[m]) for m in wishes]
         action = preferred(weighted, action, reach) if weighted else action
         musts = [cost for m, cost in enumerate(costs) if m not in wishes]
         action = action + required(musts, action) if musts else action
     return action.detach().numpy()
+
+
+def flow_times(sampler, steps):
+    """Beginning and end of each step: equal ones, or ends that approach 1 with the square of what is left."""
+    left = [1 - k / steps for k in range(steps + 1)]
+    times = [1 - share if sampler == "euler" else 1 - share * share for share in left]
+    return list(itertools.pairwise(times))
+
+
+def exponential_step(std, x, y, action, velocity, guidance, past):
+    """The exact solution of a' = k(t) a + N, by quadrature, N on the line through this step's and the last.
+
+    ``past`` holds (x, N) of the steps before, and takes this one's.
+    """
+
+    def k(t):
+        return (t * std**2 - 1 + t) / ((1 - t) ** 2 + t**2 * std**2) if std else 0.0
+
+    def grown(t):
+        return math.exp(scipy.integrate.quad(k, t, y, epsabs=1e-12)[0])
+
+    network = velocity - k(x) * action
+    middle = network
+    if past:
+        before, last = past[-1]
+        middle = network + (network - last) / (x - before) * (y - x) / 2
+    past.append((x, network))
+    return grown(x) * action + scipy.integrate.quad(grown, x, y, epsabs=1e-12)[0] * (middle + guidance)
 
 
 def preferred(weighted_costs, finished, reach):

@@ -196,14 +196,14 @@ def _handed_over(before: Replay, bundle: Bundle, own: OwnCode) -> Replay:
 
 
 def _recorded_bundle(wanted: BundleIdentity, path: Path) -> Bundle:
-    """Find a bundle that a log was made with, by its digest."""
+    """Find a bundle that a log was made with, by its digest; its flow is integrated as it was then."""
     for directory in (PACKAGED / wanted.name, Path(wanted.directory)):
         try:
             bundle = load_bundle(directory)
         except BundleError:
             continue
         if bundle.stands_for(wanted.sha256):
-            return bundle
+            return bundle.sampled(wanted.sampler, wanted.euler_steps)
     raise ConfigError(
         f"{path}: was made with policy {wanted.name!r}, manifest SHA-256 {wanted.sha256[:12]}..., which is "
         f"neither packaged nor in {wanted.directory} now; give its directory with --policy, or another one's "

@@ -166,7 +166,8 @@ def recorded_policy(start: Start, bundle: Bundle) -> tuple[VelocityField, float]
     """
     backend, engine = start.settings.backend, start.settings.engine
     if backend == CompiledPolicy.backend and bundle.weights is not None and engine in compiled_engines():
-        return CompiledPolicy(bundle.weights, bundle.manifest.euler_steps, engine=engine), 0.0
+        manifest = bundle.manifest
+        return CompiledPolicy(bundle.weights, manifest.steps, 1, manifest.sampler, engine), 0.0
     if backend == CompiledPolicy.backend:
         return bundle.field("auto"), TOLERANCE
     known: Backend = next((name for name in BACKENDS if name == backend), "auto")

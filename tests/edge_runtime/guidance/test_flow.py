@@ -31,11 +31,13 @@ from edge_runtime.objectives import (
     SpeedLimit,
 )
 from edge_runtime.policy.compiled_policy import CompiledPolicy
+from edge_runtime.policy.flow_steps import SAMPLERS, flow_steps
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
 
+@pytest.mark.parametrize("sampler", SAMPLERS)
 @pytest.mark.parametrize("scale", [0.0, 0.5, 3.0])
-def test_theorem_1_closed_form(scale):
+def test_theorem_1_closed_form(scale, sampler):
     """The guided field descends the regularised objective of eq. 13, exactly, for a Gaussian flow.
 
     For this flow v = mean-shift terms + gain (a - tau m), the score of p_tau is
@@ -48,7 +50,7 @@ def test_theorem_1_closed_form(scale):
     guide = guide_for([objective], UNIT, mode="none", scale=scale)
     start = np.array([0.4, -1.0])
     result = guided_action(
-        gaussian_flow(std, mean, steps), np.zeros((1, 1), np.float32), team, guide, tuple(start)
+        gaussian_flow(std, mean, steps, sampler), np.zeros((1, 1), np.float32), team, guide, tuple(start)
     )
 
     # For the deviation x = a - tau m the whole equation is linear.
@@ -207,7 +209,8 @@ def test_an_objective_that_cannot_be_encoded_is_named():
 class Broken:
     """A policy that fails, whole or step by step."""
 
-    backend, batch, euler_steps, action_dim, observation_dim = "broken", 1, 5, 2, 18
+    backend, batch, action_dim, observation_dim = "broken", 1, 2, 18
+    schedule = flow_steps("euler", 5, None)
     sampler = None
 
     def observe(self, observation):
@@ -218,6 +221,9 @@ class Broken:
 
     def knows(self, projection, kinds):
         return True
+
+    def velocity(self, k, action):
+        raise PolicyError("the graph cannot be computed")
 
     def sample(self, projection, terms, start, left_s, most_steps):
         raise PolicyError("the kernel cannot sample")

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from edge_runtime.errors import BundleError
 from edge_runtime.policy import bundle
 from edge_runtime.policy.bundle import load_bundle, packaged_bundle
+from edge_runtime.policy.flow_steps import flow_steps
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
 SHA256SUM = shutil.which("sha256sum")
@@ -45,8 +46,16 @@ def test_round_trip(directory):
 def test_policy_follows_the_manifest_or_the_caller(directory):
     loaded = load_bundle(directory)
     assert isinstance(loaded.policy(), FlowPolicy)
-    assert (loaded.policy().euler_steps, loaded.policy(batch=3, euler_steps=4).euler_steps) == (10, 4)
     assert loaded.policy(batch=3).batch == 3
+    assert loaded.policy().schedule == flow_steps("euler", 10, 0.5)
+    assert loaded.sampled("exponential", 4).field().schedule == flow_steps("exponential", 4, 0.5)
+
+
+def test_a_manifest_names_its_sampler_and_steps(directory):
+    edit_manifest(directory, "sampler", "exponential")
+    assert load_bundle(directory).policy().schedule == flow_steps("exponential", 10, 0.5)
+    edit_manifest(directory, "sampler_steps", 3)
+    assert load_bundle(directory).policy().schedule == flow_steps("exponential", 3, 0.5)
 
 
 @pytest.mark.skipif(SHA256SUM is None, reason="sha256sum is not installed")

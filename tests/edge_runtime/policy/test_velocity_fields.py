@@ -41,7 +41,7 @@ def assert_field(policy, weights, k, seed=1):
     action, observation = inputs(policy, seed)
     policy.observe(observation)
     result = policy.step(k, action)
-    value, tangents = oracle(weights, action, np.full(policy.batch, k / policy.euler_steps), observation)
+    value, tangents = oracle(weights, action, np.full(policy.batch, policy.schedule[k].tau), observation)
     np.testing.assert_allclose(result[0], value, rtol=2e-5, atol=4e-6)
     np.testing.assert_allclose(result[1:], tangents, rtol=2e-5, atol=4e-6)
 
@@ -51,7 +51,7 @@ def assert_field(policy, weights, k, seed=1):
 @pytest.mark.parametrize("batch", [1, 2, 8])
 def test_step_matches_autograd(make_backend, hidden, activation, batch):
     weights = draw_weights(hidden, activation)
-    policy = make_backend(weights, euler_steps=4, batch=batch)
+    policy = make_backend(weights, steps=4, batch=batch)
     for k in range(4):
         assert_field(policy, weights, k, seed=k)
 
@@ -69,13 +69,13 @@ def test_any_network_matches_autograd(make_backend, hidden, activation, sizes, b
     names = ("action_dim", "observation_dim", "features")
     shape = dict(zip(names, sizes, strict=True))
     weights = draw_weights(hidden, activation, prior_std=prior_std, seed=seed, **shape)
-    assert_field(make_backend(weights, euler_steps=3, batch=batch), weights, k=seed % 3, seed=seed)
+    assert_field(make_backend(weights, steps=3, batch=batch), weights, k=seed % 3, seed=seed)
 
 
 @pytest.mark.parametrize("activation", ["silu", "tanh"])
 def test_saturated_activations_stay_exact(make_backend, activation):
     weights = draw_weights((16, 16), activation)
-    policy = make_backend(weights, euler_steps=2, batch=2)
+    policy = make_backend(weights, steps=2, batch=2)
     action, observation = np.array([[80.0, -80.0], [-300.0, 300.0]]), 50 * inputs(policy)[1]
     policy.observe(observation)
     result = policy.step(1, action)
@@ -86,7 +86,7 @@ def test_saturated_activations_stay_exact(make_backend, activation):
 
 def test_a_row_of_a_batch_is_the_policy_of_one(make_backend):
     weights = draw_weights((64, 64))
-    many, one = make_backend(weights, euler_steps=3, batch=5), make_backend(weights, euler_steps=3, batch=1)
+    many, one = make_backend(weights, steps=3, batch=5), make_backend(weights, steps=3, batch=1)
     action, observation = inputs(many)
     many.observe(observation)
     together = many.step(2, action)
@@ -97,21 +97,21 @@ def test_a_row_of_a_batch_is_the_policy_of_one(make_backend):
 
 
 def test_non_finite_input_gives_a_non_finite_velocity(make_backend):
-    policy = make_backend(draw_weights((32, 32)), euler_steps=2, batch=1)
+    policy = make_backend(draw_weights((32, 32)), steps=2, batch=1)
     policy.observe(np.full((1, 7), np.nan, np.float32))
     assert np.isnan(policy.step(0, ((0.0, 0.0),))[0]).all()
 
 
 def test_a_new_observation_replaces_the_old(make_backend):
     weights = draw_weights((32,))
-    policy = make_backend(weights, euler_steps=2, batch=1)
+    policy = make_backend(weights, steps=2, batch=1)
     for seed in range(3):
         assert_field(policy, weights, k=0, seed=seed)
 
 
 def test_evaluate_takes_any_flow_time():
     weights = draw_weights((16, 16))
-    policy = FlowPolicy(weights, euler_steps=2, batch=3)
+    policy = FlowPolicy(weights, steps=2, batch=3)
     action, observation = inputs(policy)
     tau = np.array([0.0, 0.37, 1.0])
     value, tangents = oracle(weights, action, tau, observation)
@@ -122,7 +122,7 @@ def test_evaluate_takes_any_flow_time():
 
 @pytest.mark.parametrize("shape", [(1, 6), (2, 7), (7,)])
 def test_a_wrong_observation_shape_is_named(make_backend, shape):
-    policy = make_backend(draw_weights((8,)), euler_steps=2, batch=1)
+    policy = make_backend(draw_weights((8,)), steps=2, batch=1)
     with pytest.raises(PolicyError, match=r"\(1, 7\)"):
         policy.observe(np.zeros(shape, np.float32))
 
@@ -130,4 +130,4 @@ def test_a_wrong_observation_shape_is_named(make_backend, shape):
 @pytest.mark.parametrize(("steps", "batch"), [(0, 1), (1, 0), (-3, 1)])
 def test_sizes_below_one_are_refused(make_backend, steps, batch):
     with pytest.raises(PolicyError, match="at least 1"):
-        make_backend(draw_weights((8,)), euler_steps=steps, batch=batch)
+        make_backend(draw_weights((8,)), steps=steps, batch=batch)

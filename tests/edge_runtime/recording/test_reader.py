@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.recording.reader import Damage, read_log
-from edge_runtime.recording.schema import LOG_FORMAT, End, LoggedObjectiveSet, Start, Tick
+from edge_runtime.recording.schema import READ_FORMATS, End, LoggedObjectiveSet, Start, Tick
 
 CHUNK = 5
 
@@ -117,7 +117,7 @@ def test_another_mcap_file_is_refused(tmp_path):
 def test_another_format_is_refused_by_both_names(log, tmp_path):
     start, *rest = read_log(log)
     path = write(tmp_path / "newer.mcap", [replace(start, format="cfpg-log/7"), *rest])
-    with pytest.raises(ConfigError, match=f"'cfpg-log/7', this version reads cfpg-log/2, {LOG_FORMAT}"):
+    with pytest.raises(ConfigError, match=f"'cfpg-log/7', this version reads {', '.join(READ_FORMATS)}"):
         list(read_log(path))
 
 

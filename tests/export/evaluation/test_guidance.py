@@ -11,10 +11,12 @@ from team_batches import as_batch
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import Mode
 from edge_runtime.objectives import Passing
+from edge_runtime.policy.flow_steps import SAMPLERS
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.evaluation.guidance import guided_actions
 
 
+@pytest.mark.parametrize("sampler", SAMPLERS)
 @pytest.mark.parametrize("mode", get_args(Mode))
 @pytest.mark.parametrize(
     "objectives",
@@ -25,15 +27,15 @@ from export.evaluation.guidance import guided_actions
     ],
     ids=["requirements", "preferences", "both"],
 )
-def test_batch_and_single_agree(mode, objectives):
+def test_batch_and_single_agree(mode, objectives, sampler):
     draw = np.random.default_rng(5)
     weights = random_weights(seed=2)
     teams = [random_team(draw) for _ in range(40)]
     observations = draw.standard_normal((40, 18)).astype(np.float32)
     starts = draw.standard_normal((40, 2))
     guide = guide_for(objectives, mode=mode, scale=2.0, reach=0.3)
-    many = guided_actions(FlowPolicy(weights, 10, 40), observations, as_batch(teams), guide, starts)
-    policy = FlowPolicy(weights, 10)
+    many = guided_actions(FlowPolicy(weights, 10, 40, sampler), observations, as_batch(teams), guide, starts)
+    policy = FlowPolicy(weights, 10, sampler=sampler)
     for i, team in enumerate(teams):
         one = guided_action(policy, observations[i : i + 1], team, guide, tuple(starts[i].tolist()))
         assert np.abs(many[i] - one.action).max() <= 2e-5 * max(1.0, np.abs(many[i]).max())

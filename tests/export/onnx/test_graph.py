@@ -17,7 +17,7 @@ from export.onnx.jacobian import with_jacobian
 
 def onnx_policy(weights, path, batch):
     onnx.save(with_jacobian(velocity_graph(weights)), path)
-    return OnnxPolicy(path, weights.action_dim, weights.observation_dim, euler_steps=10, batch=batch)
+    return OnnxPolicy(path, weights.action_dim, weights.observation_dim, steps=10, batch=batch)
 
 
 def inputs(batch, seed=3):

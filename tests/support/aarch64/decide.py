@@ -19,7 +19,7 @@ records = []
 for record in read_log(source):
     if isinstance(record, Start):
         bundle = packaged_bundle(record.bundle.name)
-        policy = CompiledPolicy(bundle.weights, bundle.manifest.euler_steps)
+        policy = CompiledPolicy(bundle.weights, bundle.manifest.steps)
         replay = Replay(record, bundle, policy)
         record = replace(record, settings=replace(record.settings, engine=policy.engine))
     elif isinstance(record, LoggedObjectiveSet):
