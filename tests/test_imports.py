@@ -60,8 +60,8 @@ TABLES = {
 MOST_MODULES = {"edge_runtime": 8, "firmware_bridge": 4}
 """Directly in these packages."""
 WORKSTATION = {"torch", "vmas", "onnx", "onnxruntime", "gym", "mujoco", "export"}
-WHEELS = "firmware_bridge.simulation.wheels"
-"""The plant that a workstation's --plant mujoco imports."""
+WHEELS = ("firmware_bridge.simulation.wheels", "firmware_bridge.sil.firmware.wheeled_world")
+"""What a workstation's --plant mujoco imports."""
 
 
 def name_of(path):

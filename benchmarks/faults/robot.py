@@ -28,10 +28,11 @@ from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.autopilot import Autopilot
 from firmware_bridge.sil.firmware.firmware import REST, Firmware, Heard
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
+from firmware_bridge.sil.firmware.planar_world import PlanarWorld
 from firmware_bridge.sil.firmware.wires import CanWire, UdpWire, Wire
-from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.firmware.world import Standing
 from firmware_bridge.sil.scenario.ports import HOST, free_ports, multicast_bus
-from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, PROFILE, ahead_m
+from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, POINT_AHEAD_M, PROFILE, BridgeKind, vehicle
 
 PERIOD_S = 0.02
 """Of the commands."""
@@ -49,7 +50,7 @@ _TAKING = (common.MAV_CMD_COMPONENT_ARM_DISARM, common.MAV_CMD_DO_SET_MODE)
 class Robot(Closing, abc.ABC):
     """One robot on an empty plane, without drag."""
 
-    name: ClassVar[str]
+    name: ClassVar[BridgeKind]
     braking_m_s2: ClassVar[float]
     """With what its plant speeds up and slows down at most."""
 
@@ -62,7 +63,8 @@ class Robot(Closing, abc.ABC):
         most_n = self.braking_m_s2 * motion.mass_kg
         action = tuple(msgspec.structs.replace(one, low=-most_n, high=most_n) for one in manifest.action)
         manifest = msgspec.structs.replace(manifest, motion=motion, action=action)
-        self._world = World([manifest], [(0.0, 0.0)], [0.0], ahead_m(self.name), STEP_S)
+        standing = Standing((0.0, 0.0), 0.0, vehicle(self.name).ahead_m)
+        self._world = PlanarWorld([manifest], [standing], STEP_S)
         self._node = FirmwareNode(firmware, wire)
         self._loop = FirmwareLoop(self._world, [self._node])
 
@@ -145,7 +147,7 @@ class CanRobot(Robot):
 
     def drives(self, heard: Heard) -> bool:
         """Whether it is the very speed that the runtime asks for: a ramp begins just below."""
-        return heard.motion is not None and math.isclose(heard.motion[0], SPEED_M_S)
+        return heard.motion is not None and math.isclose(heard.motion.forward_m_s, SPEED_M_S)
 
     def tell_bus_off(self) -> None:
         """Put the error frame on the bus by which a kernel reports that its controller went bus-off."""
@@ -172,7 +174,7 @@ class MavlinkRobot(Robot):
             AUTOPILOT,
             f"udpout:{HOST}:{self.wire.port}",
             PointForce(1.0, PERIOD_S / SPEED_M_S, PERIOD_S),  # the full action ends at SPEED_M_S
-            point_ahead_m=ahead_m("mavlink"),
+            point_ahead_m=POINT_AHEAD_M,
             signing_key=str(self._signing_key or ""),
         )
         raw = msgspec.Raw(msgspec.json.encode(options))

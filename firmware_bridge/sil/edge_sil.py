@@ -6,7 +6,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 import msgspec
 
@@ -34,6 +34,8 @@ from firmware_bridge.sil.measurement.processes import ProcessGroup
 from firmware_bridge.sil.report.records import SilReport
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS
 from firmware_bridge.sil.scenario.scenario import Request, Scenario, prepare
+from firmware_bridge.sil.scenario.vehicle import BridgeKind
+from firmware_bridge.simulation.plants import PLANTS
 
 DESCRIPTION: Final = (
     "Run real robot processes against firmware and a plant, and judge them before any wheel turns."
@@ -41,6 +43,7 @@ DESCRIPTION: Final = (
 EXIT_CODES: Final = {"passed": 0, "failed": 1, "invalid": 3}
 ROBOTS: Final = whole_number(1, 64)
 STARTS: Final = 3
+BRIDGES: Final[tuple[str, ...]] = get_args(BridgeKind)
 RATE: Final = 50.0
 TASK_RATE: Final = 10.0
 EPILOG: Final = """\
@@ -55,6 +58,7 @@ examples:
   edge-sil                                                4 robots, CAN, 50 Hz, 30 s
   edge-sil --task balance                                 five robots and their load, at 10 Hz
   edge-sil --bridge mavlink --realtime --json run.json
+  edge-sil --bridge ros1 --rate 20                        Huskies behind a ROS of their own
   edge-sil --robots 8 --rate 20 --faults blackout.toml
   edge-sil --fleet team.toml --policy policies/mine --limits strict.toml"""
 
@@ -64,7 +68,8 @@ def make_parser() -> CommandParser:
     parser = CommandParser("edge-sil", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--robots", type=ROBOTS, metavar="N", help="how many (default: 4, or the fleet file's)")
-    add("--bridge", choices=("can", "mavlink"), default="can", help="what the robots speak (default: can)")
+    add("--bridge", choices=BRIDGES, default="can", help="what the robots speak (default: can)")
+    add("--plant", choices=tuple(PLANTS), help="what moves them (default: the fleet file's, else discs)")
     add(
         "--rate",
         type=number(*RATE_HZ),
@@ -89,6 +94,13 @@ def make_parser() -> CommandParser:
     rates = number(1.0, 1000.0)
     add("--pose-stream", type=rates, default=0.0, metavar="HZ", help="poses from a stream of this rate")
     add("--realtime", action="store_true", help="real-time scheduling for robots, guards and plant")
+    add(
+        "--ros-path",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="where rospy or rclpy lies, in place of the profile's folders; may be given several times",
+    )
     add("--log-dir", type=Path, metavar="DIR", help="keep the robots' logs there")
     return parser
 
@@ -103,6 +115,8 @@ def parse(arguments: Sequence[str] | None) -> tuple[Request, Path | None]:
     request = Request(
         robots=flags.robots,
         bridge=flags.bridge,
+        plant=flags.plant,
+        ros_path=tuple(flags.ros_path),
         rate_hz=flags.rate or (TASK_RATE if flags.task else RATE),
         duration_s=flags.duration,
         fleet=flags.fleet,

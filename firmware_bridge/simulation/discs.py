@@ -37,7 +37,7 @@ class Discs:
             fleet.team.scale_m,
             [robot.start_heading_rad for robot in robots],
         )
-        self.radius_m, self.touched = self.world.radius_m, self.world.touched
+        self.radius_m, self.touched = manifest.body.radius_m, self.world.touched
 
     def drive(self, commands: Sequence[Command]) -> None:
         """Advance by one control period."""

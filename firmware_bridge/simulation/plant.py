@@ -8,6 +8,7 @@ contact model of VMAS 1.5.2 with its default numbers, so that a policy meets the
 """
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from msgspec.structs import replace
 from edge_runtime.common.arrays import Floats
 from edge_runtime.config.fleet import Obstacle
 from edge_runtime.messages import RobotState, Vector
-from edge_runtime.motion.model import preview
+from edge_runtime.motion.model import Model, preview
 from edge_runtime.motion.models import MotionModel, PointAcceleration, PointForce
 from edge_runtime.motion.range_sensor import Disc
 from firmware_bridge.kinematics.frames import wrap
@@ -35,8 +36,8 @@ class Plant:
     """N robots at rest: discs in the plane, balls in space.
 
     Args:
-        motion: one control period of every robot.
-        radius_m: of every robot.
+        motion: one control period of every robot, or of each.
+        radius_m: of every robot, or of each.
         position_m: (N, dims) where they start.
         obstacles: M discs beside them, in the plane.
         scale_m: one of the policy's metres, in those of positions: contacts are as soft as there.
@@ -45,19 +46,18 @@ class Plant:
 
     def __init__(
         self,
-        motion: MotionModel,
-        radius_m: float,
+        motion: MotionModel | Sequence[MotionModel],
+        radius_m: npt.ArrayLike,
         position_m: npt.ArrayLike,
         obstacles: Sequence[Obstacle] = (),
         scale_m: float = 1.0,
         heading_rad: npt.ArrayLike = 0.0,
     ) -> None:
-        self.motion = motion
         self._scale_m = scale_m
-        self.radius_m = radius_m
         self.position_m = np.array(position_m, np.float64)
         self.velocity_m_s = np.zeros_like(self.position_m)
         count = len(self.position_m)
+        self.motions = [motion] * count if isinstance(motion, Model) else list(motion)
         self.heading_rad = np.broadcast_to(np.asarray(heading_rad, np.float64), count).copy()
         self.yaw_rate_rad_s = np.zeros(count)
         self.obstacle_m = np.array([obstacle.centre_m for obstacle in obstacles]).reshape(-1, 2)
@@ -66,7 +66,10 @@ class Plant:
         """(i, j) of the bodies that have touched so far, robots first, then obstacles; j is a robot, or an
         obstacle that i ran into."""
         self._walk_m_s = np.array([obstacle.velocity_m_s for obstacle in obstacles]).reshape(-1, 2)
-        self._radii = np.array([*[radius_m] * count, *(obstacle.radius_m for obstacle in obstacles)])
+        radii = np.broadcast_to(np.asarray(radius_m, np.float64), count)
+        self._radii = np.array([*radii, *(obstacle.radius_m for obstacle in obstacles)])
+        self._rounds = list(zip_longest(*map(_substeps, self.motions)))
+        self._mass_kg = np.array([[_mass_kg(each, scale_m)] for each in self.motions])
 
     def state(self, robot: int, robot_id: int, now_s: float) -> RobotState:
         """How the robot of an index moves, under its id and stamped with a time."""
@@ -81,14 +84,15 @@ class Plant:
 
     def step(self, actions: Sequence[Vector]) -> None:
         """Advance one control period under constant actions, (N, d)."""
-        mass_kg = self.motion.mass_kg if isinstance(self.motion, PointForce) else MASS_KG / self._scale_m
-        for model in _substeps(self.motion):
-            push = self._contact() / mass_kg * model.dt_s
-            for robot, action in enumerate(actions):
-                self._move(robot, action, model)
+        for models in self._rounds:
+            passed_s = np.array([[model.dt_s if model else 0.0] for model in models])
+            push = self._contact() / self._mass_kg * passed_s
+            for robot, (model, action) in enumerate(zip(models, actions, strict=True)):
+                if model:
+                    self._move(robot, action, model)
             self.velocity_m_s += push
-            self.position_m += push * model.dt_s
-            self.obstacle_m += self._walk_m_s * model.dt_s
+            self.position_m += push * passed_s
+            self.obstacle_m += self._walk_m_s * passed_s.max()
 
     def obstacles(self) -> list[Disc]:
         """The obstacles as they are now."""
@@ -97,10 +101,9 @@ class Plant:
 
     def _move(self, robot: int, action: Vector, model: MotionModel) -> None:
         moved = preview(model, 1).predict(self.state(robot, robot, 0.0), action)
-        dims = self.motion.dims
-        self.position_m[robot] = moved.position_m(dims)
-        self.velocity_m_s[robot] = moved.velocity_m_s(dims)
-        if self.motion.turns:
+        self.position_m[robot] = moved.position_m(model.dims)
+        self.velocity_m_s[robot] = moved.velocity_m_s(model.dims)
+        if model.turns:
             self.heading_rad[robot], self.yaw_rate_rad_s[robot] = wrap(moved.heading), moved.yaw_rate
 
     def _contact(self) -> Floats:
@@ -114,6 +117,10 @@ class Plant:
             self.touched.update(map(tuple, np.argwhere(np.triu(stiff)[:count]).tolist()))
         force: Floats = (stiff[..., None] * apart).sum(-2)[:count]
         return force
+
+
+def _mass_kg(motion: MotionModel, scale_m: float) -> float:
+    return motion.mass_kg if isinstance(motion, PointForce) else MASS_KG / scale_m
 
 
 def _substeps(motion: MotionModel) -> list[MotionModel]:

@@ -62,8 +62,8 @@ class PlantModule(NamedTuple):
 
     module: str
     """Offers ``make_plant(mission)``."""
-    world: str = ""
-    """For the harness: offers ``VmasWorld``; where empty, that is `firmware_bridge.sil.firmware.world`."""
+    world: str
+    """For the harness: offers ``make_world``, see `firmware_bridge.sil.firmware.planar_world`."""
     needs: str = ""
     """A package without which there is none."""
     extra: str = "train"
@@ -73,11 +73,16 @@ class PlantModule(NamedTuple):
 
 
 PLANTS: Final = {
-    "discs": PlantModule("firmware_bridge.simulation.discs"),
+    "discs": PlantModule("firmware_bridge.simulation.discs", "firmware_bridge.sil.firmware.planar_world"),
     "vmas": PlantModule(
         "export.scenarios.plant", "export.scenarios.firmware_world", needs="vmas", carries=True
     ),
-    "mujoco": PlantModule("firmware_bridge.simulation.wheels.plant", needs="mujoco", extra="mujoco"),
+    "mujoco": PlantModule(
+        "firmware_bridge.simulation.wheels.plant",
+        "firmware_bridge.sil.firmware.wheeled_world",
+        needs="mujoco",
+        extra="mujoco",
+    ),
 }
 
 

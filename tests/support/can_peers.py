@@ -18,6 +18,7 @@ from firmware_bridge.can.link import CanOptions
 from firmware_bridge.can.profile import profile_path
 from firmware_bridge.guard.link import SetpointLimits
 from firmware_bridge.guard.spec import GuardSpec
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.node import FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.wires import CanWire
@@ -65,13 +66,13 @@ class Obedient:
     """A plant whose only robot moves as it is told at once, and never gets anywhere."""
 
     def __init__(self) -> None:
-        self.motion = (0.0, 0.0)
+        self.motion = BaseMotion()
 
     def step(self, motions) -> None:
         (self.motion,) = motions
 
     def state(self, robot: int) -> BaseState:
-        return BaseState((0.0, 0.0), 0.0, *self.motion)
+        return BaseState((0.0, 0.0), 0.0, self.motion.forward_m_s, self.motion.yaw_rad_s)
 
 
 class Chassis(AgilexChassis):

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.sil.firmware.autopilot import Autopilot
-from firmware_bridge.sil.firmware.firmware import Heard
+from firmware_bridge.sil.firmware.firmware import REST, Heard
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.wires import UdpWire
 
@@ -54,7 +54,7 @@ class Sky:
         self.place, self.speed = np.array(starts_m, float), np.zeros((len(starts_m), 3))
 
     def step(self, motions):
-        wanted = np.array([(*motion, 0.0)[:3] for motion in motions])  # at rest it is one of the plane
+        wanted = np.array([(0.0,) * 3 if motion == REST else motion for motion in motions])
         most = HARDEST_M_S2 * STEP_S
         self.speed += np.clip(wanted - self.speed, -most, most)
         self.place += STEP_S * self.speed

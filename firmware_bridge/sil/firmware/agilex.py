@@ -13,6 +13,7 @@ from cantools.database.can import Database, Message
 
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.profile import load_profile, profile_path
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.firmware import Firmware, Heard
 from firmware_bridge.sil.firmware.world import BaseState
 from firmware_bridge.sil.scenario.vehicle import PROFILE
@@ -22,6 +23,8 @@ STATE_PERIOD_S: Final = 0.1
 BY_COMPUTER: Final = 1
 BY_OPERATOR: Final = 3
 """Control modes; a computer cannot take the robot out of its operator's hand."""
+EMERGENCY_STOP: Final = 1
+"""Vehicle state."""
 
 
 class AgilexChassis(Firmware[Frame]):
@@ -51,8 +54,9 @@ class AgilexChassis(Firmware[Frame]):
         motion = None
         if packet.frame_id == self._setpoint.frame_id:
             values = self._setpoint.decode_simple(packet.data, decode_choices=False)
-            forward, yaw = (float(cast(SupportsFloat, values[name])) for name in ("Linear", "Angular"))
-            motion = (forward, yaw)
+            motion = BaseMotion(
+                *(float(cast(SupportsFloat, values[name])) for name in ("Linear", "Lateral", "Angular"))
+            )
             self._follow(motion, arrival_s)
         elif packet.frame_id == self._mode.frame_id and self.control_mode != BY_OPERATOR:
             self.control_mode = packet.data[0]
@@ -67,10 +71,12 @@ class AgilexChassis(Firmware[Frame]):
         now_s = self.clock()
         if now_s >= self._state_due_s:
             self._state_due_s = now_s + STATE_PERIOD_S
-            modes = {"ControlMode": self.control_mode, "VehicleState": self.vehicle_state}
+            stopped = EMERGENCY_STOP if self.pressed else self.vehicle_state
+            modes = {"ControlMode": self.control_mode, "VehicleState": stopped}
             yield _frame(self._system_state, {**modes, **self.errors})
         if self.located and not self.stale:
-            yield _frame(self._motion_state, {"Linear": state.forward_m_s, "Angular": state.yaw_rad_s})
+            lateral, speeds = state.lateral_m_s, {"Linear": state.forward_m_s, "Angular": state.yaw_rad_s}
+            yield _frame(self._motion_state, {**speeds, "Lateral": lateral})
             self.on_pose(now_s)
 
     def _obeys(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect  # type: ignore[import-untyped]
 
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.mavlink.profiles import Profile
 from firmware_bridge.sil.firmware.firmware import Heard
 from firmware_bridge.sil.firmware.telemetry import HEARTBEAT, Message, Telemetry
@@ -60,7 +61,7 @@ class Autopilot(Telemetry):
     def _obey(self, message: Message, arrival_s: float) -> Iterable[Message]:
         match message.get_type():
             case "SET_POSITION_TARGET_LOCAL_NED":
-                motion = (float(message.vx), -float(message.yaw_rate))
+                motion = BaseMotion(float(message.vx), 0.0, -float(message.yaw_rate))
                 self._follow(motion, arrival_s)
                 self.on_command(Heard(arrival_s, motion, message))
             case "COMMAND_LONG":
@@ -122,7 +123,8 @@ class Autopilot(Telemetry):
 
     def _telemetry(self, state: BaseState) -> Iterator[bytes]:
         missing_s = self.clock() - self._station_s
-        if self.station_failsafe and self._obeys() and missing_s > STATION_TIMEOUT_S:
+        deserted = self.station_failsafe and missing_s > STATION_TIMEOUT_S
+        if self._obeys() and (deserted or self.pressed):
             self.mode = self.profile.stop_mode.reported
             self._mind_mode()
         yield from super()._telemetry(state)

@@ -1,6 +1,7 @@
 """A robot's firmware, free of sockets: packets come in with their time, packets go out.
 
-Harness, benchmarks and tests drive the same two: `agilex.AgilexChassis` and `autopilot.Autopilot`.
+Harness, benchmarks and tests drive the same three: `agilex.AgilexChassis`, `autopilot.Autopilot` and
+`ros_base.RosBase`.
 """
 
 import abc
@@ -8,12 +9,12 @@ import math
 import random
 import time
 from collections.abc import Callable, Iterable
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-from edge_runtime.messages import Vector2
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.world import BaseState
 
-REST: Vector2 = (0.0, 0.0)
+REST: Final = BaseMotion()
 Packet = TypeVar("Packet")
 
 
@@ -22,14 +23,14 @@ class Heard(NamedTuple):
 
     arrival_s: float
     """Monotonic time at which it was taken off the wire."""
-    motion: Vector2 | None
-    """(forward m/s, yaw rad/s) that it asks for; None: it asks for something else than motion."""
+    motion: BaseMotion | None
+    """What it asks for; None: something else than motion."""
     packet: Any
     """As the protocol's own library reads it: a Frame on CAN, a pymavlink message."""
 
 
 class Firmware(abc.ABC, Generic[Packet]):
-    """What both kinds share: the newest motion, how long it holds, and what can be wrong with it.
+    """What all kinds share: the newest motion, how long it holds, and what can be wrong with it.
 
     Args:
         timeout_s: silence after which it stops by itself.
@@ -42,6 +43,8 @@ class Firmware(abc.ABC, Generic[Packet]):
         self.silent = self.stale = self.corrupt = self.not_finite = False
         """Faults: nothing is sent, the pose stands still in time, packets are damaged, the pose is not a
         number."""
+        self.pressed = False
+        """Whether the robot's emergency stop is pressed."""
         self.located = True
         """Whether it knows its pose yet. Without one its runtime commands nothing, and its guard waits."""
         self.obeyed = self.timeouts = 0
@@ -64,13 +67,13 @@ class Firmware(abc.ABC, Generic[Packet]):
         """Return the telemetry that is due."""
         return self._spoilt(self._telemetry(state))
 
-    def motion(self, now_s: float) -> Vector2:
-        """Return the (forward m/s, yaw rad/s) to follow: rest, once the commands have ended."""
+    def motion(self, now_s: float) -> BaseMotion:
+        """Return what to follow: rest, once the commands have ended or the emergency stop is pressed."""
         if self._motion != REST and now_s > self._fresh_until_s:
             self._motion = REST
             self.timeouts += 1
             self.timed_out_s = now_s
-        return self._motion
+        return REST if self.pressed else self._motion
 
     @abc.abstractmethod
     def _take(self, packet: Packet, arrival_s: float) -> Iterable[Packet]:
@@ -88,7 +91,7 @@ class Firmware(abc.ABC, Generic[Packet]):
     def _damaged(self, packet: Packet) -> Packet:
         """Return a packet that a receiver must refuse."""
 
-    def _follow(self, motion: Vector2, arrival_s: float) -> None:
+    def _follow(self, motion: BaseMotion, arrival_s: float) -> None:
         obeys = self._obeys()
         self._motion, self._fresh_until_s = motion if obeys else REST, arrival_s + self.timeout_s
         self.obeyed += obeys

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from edge_runtime.common.closing import Closing
-from edge_runtime.messages import Vector2
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.firmware import Firmware
 from firmware_bridge.sil.firmware.wires import Wire
 from firmware_bridge.sil.firmware.world import BaseState
@@ -45,8 +45,8 @@ class FirmwareNode(Generic[Packet]):
 class Plant(Protocol):
     """What the nodes drive; see `firmware_bridge.sil.firmware.world.World`."""
 
-    def step(self, motions: Sequence[Vector2]) -> None:
-        """Advance by STEP_S while each robot follows its (forward m/s, yaw rad/s)."""
+    def step(self, motions: Sequence[BaseMotion]) -> None:
+        """Advance by STEP_S while each robot follows what it was told."""
         ...
 
     def state(self, robot: int) -> BaseState:

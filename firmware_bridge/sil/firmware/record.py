@@ -24,6 +24,7 @@ class NodeRecord(msgspec.Struct, frozen=True):
     """When the kernel took each setpoint off the wire."""
     forward_m_s: list[float]
     """What each asked for."""
+    lateral_m_s: list[float]
     yaw_rad_s: list[float]
     pose_s: list[float]
     """When each pose was measured, which is when it was sent."""
@@ -46,7 +47,8 @@ class NodeRecorder:
     def __init__(self, robot_id: int, firmware: Firmware[Any], pace: Pace, *, streamed: bool = False) -> None:
         self._robot_id, self._firmware = robot_id, firmware
         commands_hz, poses_hz, duration_s = pace
-        self._command_s, self._forward, self._yaw = (Samples(commands_hz, duration_s) for _ in range(3))
+        commands = (Samples(commands_hz, duration_s) for _ in range(4))
+        self._command_s, self._forward, self._lateral, self._yaw = commands
         self._pose_s, self._pose_x_m = (Samples(poses_hz, duration_s) for _ in range(2))
         firmware.on_command = self._take
         if not streamed:
@@ -63,6 +65,7 @@ class NodeRecorder:
             self._robot_id,
             self._command_s.tolist(),
             self._forward.tolist(),
+            self._lateral.tolist(),
             self._yaw.tolist(),
             self._pose_s.tolist(),
             self._firmware.timeouts,
@@ -72,5 +75,6 @@ class NodeRecorder:
     def _take(self, heard: Heard) -> None:
         if heard.motion is not None:
             self._command_s.append(heard.arrival_s)
-            self._forward.append(heard.motion[0])
-            self._yaw.append(heard.motion[1])
+            self._forward.append(heard.motion.forward_m_s)
+            self._lateral.append(heard.motion.lateral_m_s)
+            self._yaw.append(heard.motion.yaw_rad_s)

@@ -1,33 +1,52 @@
-"""A base behind ROS, and the wire to its node, which is a process of its own; see `ros_node`."""
+"""A base behind ROS, and the wire to its node, which is in a process of its own; see `ros_node`."""
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
 
 import msgspec
 
-from edge_runtime.common.child import start_child
+from edge_runtime.common.child import python_command
+from edge_runtime.errors import BridgeError
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.firmware import Firmware, Heard
-from firmware_bridge.sil.firmware.ros_node import PACKET_BYTES, NodeTask, Twisted
+from firmware_bridge.sil.firmware.ros_node import PACKET_BYTES, NodesTask, Stop, Twisted
 from firmware_bridge.sil.firmware.world import BaseState
 
-RosPacket = Twisted | BaseState
+STOP_PERIOD_S: Final = 0.2
+"""Of what the emergency stop says."""
+RosPacket = Twisted | BaseState | Stop
 
 
 class RosBase(Firmware[RosPacket]):
-    """Follows each command until its controller's timeout; tells its odometry."""
+    """Follows each command until its controller's timeout; tells its odometry, and its emergency stop.
+
+    It tells its odometry whether it is `located` or not: no guard opens a robot of ROS without.
+    """
+
+    def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(timeout_s, clock)
+        self._stop_due_s = -math.inf
 
     def _take(self, packet: RosPacket, arrival_s: float) -> Iterable[RosPacket]:
         if isinstance(packet, Twisted):
-            motion = (packet.forward_m_s, packet.yaw_rad_s)
+            motion = BaseMotion(packet.forward_m_s, packet.lateral_m_s, packet.yaw_rad_s)
             self._follow(motion, arrival_s)
             self.on_command(Heard(arrival_s, motion, packet))
         return ()
 
     def _telemetry(self, state: BaseState) -> Iterator[RosPacket]:
-        if self.located and not self.stale:
+        now_s = self.clock()
+        if now_s >= self._stop_due_s:
+            self._stop_due_s = now_s + STOP_PERIOD_S
+            yield Stop(self.pressed)
+        if not self.stale:
             yield state._replace(forward_m_s=math.nan) if self.not_finite else state
-            self.on_pose(self.clock())
+            self.on_pose(now_s)
 
     def _obeys(self) -> bool:
         return True
@@ -38,10 +57,10 @@ class RosBase(Firmware[RosPacket]):
 
 
 class RosWire:
-    """The socket to a robot's node."""
+    """The socket to a robot's node, and the process that has it."""
 
-    def __init__(self, task: NodeTask) -> None:
-        self._socket, self._node = start_child("firmware_bridge.sil.firmware.ros_node", task)
+    def __init__(self, end: socket.socket, process: "subprocess.Popen[bytes]") -> None:
+        self._socket, self._process = end, process
         self._socket.setblocking(False)
 
     def fileno(self) -> int:
@@ -49,18 +68,47 @@ class RosWire:
         return self._socket.fileno()
 
     def receive(self) -> Iterator[tuple[RosPacket, float]]:
-        """Yield the commands that have arrived."""
-        with contextlib.suppress(BlockingIOError):
-            while packet := self._socket.recv(PACKET_BYTES):
-                heard = msgspec.json.decode(packet, type=Twisted)
-                yield heard, heard.arrival_s
+        """Yield the commands that have arrived.
+
+        Raises:
+            BridgeError: if the nodes have ended.
+        """
+        while True:
+            try:
+                packet = self._socket.recv(PACKET_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if not packet:
+                raise BridgeError("the robots' ROS nodes have ended")
+            heard = msgspec.msgpack.decode(packet, type=Twisted)
+            yield heard, heard.arrival_s
 
     def send(self, packet: RosPacket) -> None:
         """Hand over a state; a node that hangs loses it, the next one comes soon."""
         with contextlib.suppress(OSError):
-            self._socket.send(msgspec.json.encode(packet))
+            self._socket.send(msgspec.msgpack.encode(packet))
 
     def close(self) -> None:
-        """End the node."""
+        """End the nodes, all of them."""
         self._socket.close()
-        self._node.wait()
+        self._process.wait()
+
+
+def open_wires(task: NodesTask) -> list[RosWire]:
+    """Start the robots' nodes and return the wire to each, in the task's order."""
+    pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in task.namespaces]
+    ends = [theirs.fileno() for _, theirs in pairs]
+    process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
+        python_command(
+            "firmware_bridge.sil.firmware.ros_node",
+            ",".join(map(str, ends)),
+            msgspec.json.encode(task).decode(),
+        ),
+        pass_fds=ends,
+        stdin=subprocess.DEVNULL,
+    )
+    for _, theirs in pairs:
+        theirs.close()
+    return [RosWire(ours, process) for ours, _ in pairs]

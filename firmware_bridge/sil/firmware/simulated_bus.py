@@ -14,8 +14,8 @@ from typing import Final
 
 import can
 
-from edge_runtime.messages import Vector2
 from firmware_bridge.can.frame import Frame
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.world import BaseState
@@ -72,21 +72,17 @@ class Chassis:
     """The plant: speeds that follow what is asked as fast as `GREATEST_CHANGE` allows."""
 
     def __init__(self) -> None:
-        self._motion: Vector2 = (0.0, 0.0)
+        self._forward_m_s = self._yaw_rad_s = 0.0
 
-    def step(self, motions: Sequence[Vector2]) -> None:
+    def step(self, motions: Sequence[BaseMotion]) -> None:
         """Advance by STEP_S towards the one motion asked for."""
-        (forward, yaw), (most_forward, most_yaw) = motions[0], GREATEST_CHANGE
-        now_forward, now_yaw = self._motion
-        self._motion = (
-            now_forward + min(max(forward - now_forward, -most_forward), most_forward),
-            now_yaw + min(max(yaw - now_yaw, -most_yaw), most_yaw),
-        )
+        (told,), (most_forward, most_yaw) = motions, GREATEST_CHANGE
+        self._forward_m_s += min(max(told.forward_m_s - self._forward_m_s, -most_forward), most_forward)
+        self._yaw_rad_s += min(max(told.yaw_rad_s - self._yaw_rad_s, -most_yaw), most_yaw)
 
     def state(self, robot: int) -> BaseState:  # noqa: ARG002  # there is one
         """Return the speeds; nobody asks where it is."""
-        forward, yaw = self._motion
-        return BaseState((0.0, 0.0), 0.0, forward, yaw)
+        return BaseState((0.0, 0.0), 0.0, self._forward_m_s, self._yaw_rad_s)
 
 
 class SocketWire:

@@ -57,8 +57,7 @@ class Truth:
     def follow(self) -> None:
         """Take the step just done into account."""
         distances, speeds = self._world.distances_m(), self._world.speeds_m_s()
-        radius_m = self._world.radius_m
-        touching = distances <= radius_m[:, None] + radius_m[None, :]
+        touching = self._world.touching()
         self._collisions += (touching & ~self._touching).sum(1)
         self._touching = touching
         nearest = distances.min(1)

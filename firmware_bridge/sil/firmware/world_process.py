@@ -13,7 +13,6 @@ import math
 import os
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,25 +20,26 @@ import msgspec
 
 from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.config.fleet import Fleet, load_fleet
-from edge_runtime.messages import Vector2
-from edge_runtime.policy.manifest import Manifest
+from edge_runtime.config.fleet import load_fleet
 from firmware_bridge.mavlink.profiles import PROFILES
+from firmware_bridge.ros.profile import profile_path
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
 from firmware_bridge.sil.firmware.autopilot import Autopilot
 from firmware_bridge.sil.firmware.node import STEP_S, FirmwareLoop, FirmwareNode
 from firmware_bridge.sil.firmware.record import NodeRecord, NodeRecorder, Pace
+from firmware_bridge.sil.firmware.ros_base import RosBase, open_wires
+from firmware_bridge.sil.firmware.ros_node import NodesTask
 from firmware_bridge.sil.firmware.sources import Sources
 from firmware_bridge.sil.firmware.stops import Stops
 from firmware_bridge.sil.firmware.truth import RobotOutcome, Truth
 from firmware_bridge.sil.firmware.wires import CanWire, UdpWire
-from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.firmware.world import Standing, World
 from firmware_bridge.sil.measurement.samples import Samples
 from firmware_bridge.sil.report.records import FaultStop
-from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, NanPose, StalePose
+from firmware_bridge.sil.scenario.faults import AnyFault, CorruptFrames, EmergencyStop, NanPose, StalePose
 from firmware_bridge.sil.scenario.scenario import Station, robot_bundle
 from firmware_bridge.sil.scenario.start_gate import RunStart
-from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, BridgeKind
+from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, ROS, BridgeKind, ros_folders
 from firmware_bridge.simulation.plants import PLANTS
 
 LONGEST_POSE_PERIOD_S: Final = 0.02
@@ -55,7 +55,6 @@ class WorldSpec(msgspec.Struct, frozen=True):
     bridge: BridgeKind
     rate_hz: float
     duration_s: float
-    ahead_m: float
     policy: str
     """Directory of the bundle; empty: the fleet's."""
     realtime: bool
@@ -63,6 +62,7 @@ class WorldSpec(msgspec.Struct, frozen=True):
     faults: tuple[AnyFault, ...]
     pose_hz: float = 0.0
     """Of the streams that tell poses, where they have a rate of their own."""
+    ros_path: tuple[str, ...] = ()
 
 
 class WorldRecord(msgspec.Struct, frozen=True):
@@ -85,13 +85,13 @@ class WorldProcess:
         fleet = load_fleet(Path(spec.stations[0].fleet_file))
         robots = [fleet.robot(station.robot_id) for station in spec.stations]
         manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
-        starts = [station.start_m for station in spec.stations]
-        headings = [station.heading_rad for station in spec.stations]
-        world = _world(spec, fleet, manifests, starts, headings)
+        standings = [Standing(one.start_m, one.heading_rad, one.vehicle.ahead_m) for one in spec.stations]
+        make_world = importlib.import_module(PLANTS[fleet.simulation.plant].world).make_world
+        world: World = make_world(fleet, manifests, standings, STEP_S, 1.0 / spec.rate_hz)
         goals = [station.goal_m for station in spec.stations]
         self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
         self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
-        nodes = [make_node(spec.bridge, station.wire) for station in spec.stations]
+        nodes = make_nodes(spec)
         self._firmware = {s.robot_id: node.firmware for s, node in zip(spec.stations, nodes, strict=True)}
         for firmware in self._firmware.values():
             firmware.located = False
@@ -112,7 +112,8 @@ class WorldProcess:
         with self._loop, self._sources:
             while not signals.reason:
                 late_s = self._loop.turn(self._sources.due_s)
-                self._sources.tell_due(time.monotonic())
+                if self._lines:
+                    self._sources.tell_due(time.monotonic())
                 if late_s is not None:
                     self._look(time.monotonic(), late_s)
 
@@ -137,9 +138,9 @@ class WorldProcess:
 
     def _look(self, now_s: float, late_s: float) -> None:
         """Measure after a step, and see to what the timeline wants of the next one."""
-        self._pose_turn += 1
-        if self._pose_turn % self._pose_steps == 0 and not self._spec.pose_hz:
+        if self._lines and self._pose_turn % self._pose_steps == 0 and not self._spec.pose_hz:
             self._sources.tell(now_s)
+        self._pose_turn += 1
         if self._t0_s < now_s:
             self._late_s.append(late_s)
             self._mind_faults(now_s - self._t0_s)
@@ -166,30 +167,21 @@ class WorldProcess:
                     self._firmware[fault.robot].not_finite = acts
                 case CorruptFrames():
                     self._firmware[fault.robot].corrupt = acts
+                case EmergencyStop():
+                    self._firmware[fault.robot].pressed = acts
 
 
-def _world(
-    spec: WorldSpec,
-    fleet: Fleet,
-    manifests: Sequence[Manifest],
-    starts: Sequence[Vector2],
-    headings: Sequence[float],
-) -> World:
-    """Make the world that the fleet file's plant stands for."""
-    module = PLANTS[fleet.simulation.plant].world
-    if not module:
-        return World(manifests, starts, headings, spec.ahead_m, STEP_S, fleet.team.scale_m)
-    made: World = importlib.import_module(module).VmasWorld(
-        fleet, manifests, headings, spec.ahead_m, STEP_S, 1.0 / spec.rate_hz
-    )
-    return made
-
-
-def make_node(bridge: BridgeKind, wire: str) -> FirmwareNode[Any]:
-    """Return the firmware of one robot on its wire."""
+def make_nodes(spec: WorldSpec) -> list[FirmwareNode[Any]]:
+    """Return the firmware of each robot on its wire."""
+    bridge, wires = spec.bridge, [station.wire for station in spec.stations]
     if bridge == "can":
-        return FirmwareNode(AgilexChassis(), CanWire(wire))
-    return FirmwareNode(Autopilot(PROFILES[AUTOPILOT]), UdpWire(int(wire)))
+        return [FirmwareNode(AgilexChassis(), CanWire(wire)) for wire in wires]
+    if bridge == "mavlink":
+        return [FirmwareNode(Autopilot(PROFILES[AUTOPILOT]), UdpWire(int(wire))) for wire in wires]
+    kind, folders = ROS[bridge], ros_folders(bridge, spec.ros_path)
+    path = str(profile_path(kind.profile))
+    task = NodesTask(kind.ros, path, tuple(wires), folders, kind.timeout_s, spec.realtime)
+    return [FirmwareNode(RosBase(kind.timeout_s), wire) for wire in open_wires(task)]
 
 
 def record_path(spec: Path) -> Path:

@@ -42,6 +42,7 @@ class Harness:
             BridgeError: if the plant died, or a signal asked to end.
         """
         launch = Launch(self._scenario, self._processes, self._lookout)
+        masters = launch.master()
         world, helpers, robots = launch.world(), launch.helpers(), launch.robots()
         start = self._await_start(world)
         for helper in helpers:
@@ -53,7 +54,7 @@ class Harness:
             injector.restore()
         for name in self._processes.ask_to_end(robots):
             self._lookout.ended[name] = f"{name} did not end when asked to"
-        self._processes.ask_to_end([*helpers, world])
+        self._processes.ask_to_end([*helpers, world, *masters])
         return self._recording(start.t0_s, world, injector)
 
     def _await_start(self, world: Child) -> RunStart:

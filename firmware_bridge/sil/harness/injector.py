@@ -9,7 +9,15 @@ from collections.abc import Callable
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.measurement.processes import ProcessGroup
-from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, Freeze, Kill, LogFull, Objectives
+from firmware_bridge.sil.scenario.faults import (
+    AnyFault,
+    ClockJump,
+    EmergencyStop,
+    Freeze,
+    Kill,
+    LogFull,
+    Objectives,
+)
 
 Injection = Callable[[], None]
 
@@ -59,6 +67,8 @@ class Injector:
             case Freeze():
                 self._add(fault.at_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGSTOP))
                 self._add(fault.end_s, index, lambda: self._signal(fault.robot, fault.part, signal.SIGCONT))
+            case EmergencyStop():  # pressed by the world; its runtime ends in good order
+                self._add(fault.at_s, index, lambda: self._expect_end(fault.robot))
             case ClockJump():
                 self._add(fault.at_s, index, lambda: self._jump(fault.by_s))
             case Objectives():
@@ -73,10 +83,13 @@ class Injector:
     def _signal(self, robot: int, part: str, number: signal.Signals) -> None:
         child = self._processes.children[f"robot_{robot}"]
         if number != signal.SIGCONT and part != "logger":
-            child.expected_end = True
+            self._expect_end(robot)
         pid = child.popen.pid if part == "runtime" else self._part(child.name, part)
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
+
+    def _expect_end(self, robot: int) -> None:
+        self._processes.children[f"robot_{robot}"].expected_end = True
 
     def _part(self, name: str, part: str) -> int:
         parts = self._processes.notice_grandchildren()

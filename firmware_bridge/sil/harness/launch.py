@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from firmware_bridge.sil.firmware import world_process
+from firmware_bridge.sil.firmware import ros_master, world_process
 from firmware_bridge.sil.firmware.world_process import WorldSpec
 from firmware_bridge.sil.harness import cpu_hog
 from firmware_bridge.sil.harness.lookout import Lookout
@@ -17,8 +17,13 @@ from firmware_bridge.sil.network import attacker, relay
 from firmware_bridge.sil.network.attacker import HostileSpec
 from firmware_bridge.sil.network.relay import Line, RelaySpec
 from firmware_bridge.sil.scenario.faults import CpuHog, Hostile
+from firmware_bridge.sil.scenario.ports import answers
 from firmware_bridge.sil.scenario.scenario import Scenario
+from firmware_bridge.sil.scenario.vehicle import ros_folders
 
+MASTER_S = 30.0
+"""Longest wait for a ROS master."""
+LOOK_S = 0.05
 APART_S = 0.5
 """Between two robots' starts: a runtime that starts takes a core, and waits only so long for its guard."""
 ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -29,7 +34,24 @@ class Launch:
 
     def __init__(self, scenario: Scenario, processes: ProcessGroup, lookout: Lookout) -> None:
         self._scenario, self._processes, self._lookout = scenario, processes, lookout
+        self._environment = {**ONE_THREAD, **scenario.ros.environment}
         self._ports = {station.robot_id: station.port for station in scenario.stations}
+
+    def master(self) -> list[Child]:
+        """Start ROS 1's master, where the robots need one, and wait until it answers.
+
+        Raises:
+            StartError: if it does not.
+        """
+        request, port = self._scenario.request, self._scenario.ros.port
+        if not port:
+            return []
+        master = self._start("master", ros_master, str(port), *ros_folders(request.bridge, request.ros_path))
+        end_s = time.monotonic() + MASTER_S
+        while not answers(port):
+            self._lookout.look_before(end_s, "the ROS master did not answer in time")
+            time.sleep(LOOK_S)
+        return [master]
 
     def world(self) -> Child:
         """Start plant and firmware."""
@@ -38,12 +60,12 @@ class Launch:
             request.bridge,
             request.rate_hz,
             request.duration_s,
-            scenario.ahead_m,
             str(request.policy or ""),
             request.realtime,
             scenario.stations,
             scenario.faults,
             request.pose_hz,
+            request.ros_path,
         )
         return self._start("world", world_process, self._write("world", spec), answers=True)
 
@@ -75,7 +97,7 @@ class Launch:
         for station in self._scenario.stations:
             self._lookout.look()
             name, arguments = f"robot_{station.robot_id}", robot_arguments(self._scenario, station)
-            robots.append(self._processes.start(name, MODULE, arguments, ONE_THREAD))
+            robots.append(self._processes.start(name, MODULE, arguments, self._environment))
             time.sleep(APART_S)
         return robots
 
@@ -87,7 +109,7 @@ class Launch:
 
     def _start(self, name: str, module: ModuleType, *arguments: str, answers: bool = False) -> Child:
         self._lookout.look()
-        return self._processes.start(name, module.__name__, arguments, ONE_THREAD, answers=answers)
+        return self._processes.start(name, module.__name__, arguments, self._environment, answers=answers)
 
     def _write(self, name: str, spec: msgspec.Struct) -> str:
         path = self._scenario.folder / f"{name}.json"

@@ -8,7 +8,6 @@ from edge_runtime.tools.ctl.operator_link import OperatorLink
 from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.sil.scenario.ports import HOST
 from firmware_bridge.sil.scenario.scenario import GUARD_PERIODS, Scenario, Station
-from firmware_bridge.sil.scenario.vehicle import AUTOPILOT, PROFILE
 
 MODULE = "edge_runtime.run"
 STARTING_S = 120.0
@@ -39,6 +38,7 @@ def robot_arguments(scenario: Scenario, station: Station) -> list[str]:
     return [
         *words,
         *_pose(scenario, station),
+        *[word for folder in request.ros_path for word in ("--ros-path", folder)],
         "--arm",
         "--stay",
         *(["--realtime"] if request.realtime else []),
@@ -80,25 +80,28 @@ def log_folder(scenario: Scenario, robot_id: int) -> Path:
 
 
 def _link(scenario: Scenario, station: Station) -> dict[str, object]:
-    if scenario.request.bridge == "can":
-        return {"--bridge": "can", "--bus": station.wire, "--profile": PROFILE}
-    return {
-        "--bridge": "mavlink",
-        "--mavlink": f"udpout:{HOST}:{station.wire}",
-        "--mavlink-autopilot": AUTOPILOT,
-        "--mavlink-point-ahead": scenario.ahead_m,
-    }
+    bridge, vehicle = scenario.request.bridge, station.vehicle
+    if bridge == "can":
+        return {"--bridge": bridge, "--bus": station.wire, "--profile": vehicle.profile}
+    if bridge == "mavlink":
+        return {
+            "--bridge": bridge,
+            "--mavlink": f"udpout:{HOST}:{station.wire}",
+            "--mavlink-autopilot": vehicle.profile,
+            "--mavlink-point-ahead": vehicle.ahead_m,
+        }
+    return {"--bridge": bridge, "--ros-profile": vehicle.profile, "--ros-namespace": station.wire}
 
 
 def _pose(scenario: Scenario, station: Station) -> list[str]:
     """CAN has no positions: the robot is told where its axle starts."""
     if scenario.request.bridge != "can":
         return []
-    x, y, heading = axle(station, scenario.ahead_m)
+    x, y, heading = axle(station)
     return ["--pose", f"{x:.6f}", f"{y:.6f}", f"{heading:.6f}"]
 
 
-def axle(station: Station, ahead_m: float) -> tuple[float, float, float]:
+def axle(station: Station) -> tuple[float, float, float]:
     """Return x, y and heading of the axle of a robot whose disc is at its start."""
-    back_x, back_y = rotate((ahead_m, 0.0), station.heading_rad)
+    back_x, back_y = rotate((station.vehicle.ahead_m, 0.0), station.heading_rad)
     return station.start_m[0] - back_x, station.start_m[1] - back_y, station.heading_rad

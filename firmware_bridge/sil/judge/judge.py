@@ -30,7 +30,7 @@ from firmware_bridge.sil.report.records import (
 from firmware_bridge.sil.scenario.faults import Lasting
 from firmware_bridge.sil.scenario.scenario import Scenario
 
-POSE_TOLERANCE_S = {"can": 0.0, "mavlink": 0.002}
+POSE_TOLERANCE_S = {"can": 0.0, "mavlink": 0.002, "ros1": 0.0, "ros2": 0.0}
 """How far a runtime's stamp may lie before the measurement: MAVLink counts milliseconds."""
 
 
@@ -79,7 +79,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
     fleet = runtime.fleet if runtime else None
     log = recording.logs[robot_id]
     timing = timing_of([node], recording, period_s)
-    speed = np.hypot(node.forward_m_s, node.yaw_rad_s)
+    speed = np.hypot(np.hypot(node.forward_m_s, node.lateral_m_s), node.yaw_rad_s)
     window = (period_s, recording.t0_s, recording.end_s)
     ticks = LoggedTicks(log.due_s, log.decided_s, log.misses)
     counts = miss_counts(np.array(node.command_s), ticks, *window)

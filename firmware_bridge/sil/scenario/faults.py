@@ -177,7 +177,7 @@ class Blackout(NetworkFault, frozen=True, kw_only=True, tag="blackout"):
 
 
 class WireFault(Lasting, frozen=True, kw_only=True):
-    """A fault of what one robot's firmware sends."""
+    """A fault of one robot's firmware, and of what it sends."""
 
     robot: int
     """Whose firmware."""
@@ -188,11 +188,18 @@ class StalePose(WireFault, frozen=True, kw_only=True, tag="stale_pose"):
 
 
 class NanPose(WireFault, frozen=True, kw_only=True, tag="nan_pose"):
-    """The position is not a number (MAVLink; the integers of CAN carry none)."""
+    """What it tells is not a number (MAVLink, ROS; the integers of CAN carry none)."""
 
 
 class CorruptFrames(WireFault, frozen=True, kw_only=True, tag="corrupt_frames"):
-    """Every frame from the firmware is damaged: cut short on CAN, a bit changed on MAVLink."""
+    """Every frame from the firmware is damaged: cut short on CAN, a bit changed on MAVLink.
+
+    ROS carries nothing damaged: what is not a number stands for it.
+    """
+
+
+class EmergencyStop(WireFault, frozen=True, kw_only=True, tag="emergency_stop"):
+    """Somebody presses the robot's emergency stop (MAVLink: takes it into its stop mode), and releases it."""
 
 
 class LogFull(Lasting, frozen=True, kw_only=True, tag="log_full"):
@@ -227,6 +234,7 @@ AnyFault: TypeAlias = (
     | StalePose
     | NanPose
     | CorruptFrames
+    | EmergencyStop
     | LogFull
     | Hostile
     | Objectives

@@ -68,3 +68,10 @@ def free_network(robots: Sequence[int], *, zenoh: bool, relayed: bool) -> Networ
 def multicast_bus(port: int) -> str:
     """Return the address of a CAN bus between processes of this machine, one for each port."""
     return f"udp_multicast:239.75.{port >> 8}.{max(port & 0xFF, 1)}?port={port}"
+
+
+def answers(port: int) -> bool:
+    """Whether anybody takes connections at a port of this machine."""
+    with contextlib.suppress(OSError), socket.create_connection((HOST, port)):
+        return True
+    return False

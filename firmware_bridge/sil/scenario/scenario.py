@@ -4,6 +4,7 @@ import importlib.util
 import math
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,13 +16,15 @@ from edge_runtime.common.toml_file import Table, read_toml, refuse
 from edge_runtime.config.fleet import Fleet, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.control.mission import adapted
-from edge_runtime.errors import ConfigError
+from edge_runtime.errors import BundleError, ConfigError
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.point import PointForce
 from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 from edge_runtime.policy.bundle_source import located
 from firmware_bridge.sil.scenario.faults import AnyFault, ClockJump, NetworkFault, load_faults
 from firmware_bridge.sil.scenario.limits import DEFAULT_LIMITS, LimitsFile, load_limits
 from firmware_bridge.sil.scenario.ports import Network, Tunnel, free_network, multicast_bus
+from firmware_bridge.sil.scenario.ros_place import RosPlace, check_ros, free_ros
 from firmware_bridge.sil.scenario.team_file import (
     generated_team,
     on_zenoh,
@@ -31,7 +34,7 @@ from firmware_bridge.sil.scenario.team_file import (
     write_fleets,
     write_key,
 )
-from firmware_bridge.sil.scenario.vehicle import BridgeKind, ahead_m
+from firmware_bridge.sil.scenario.vehicle import ROS, BridgeKind, Vehicle, ros_folders, vehicle
 from firmware_bridge.simulation.plants import check_installed
 
 ROBOTS = 4
@@ -45,6 +48,10 @@ class Request(msgspec.Struct, frozen=True, kw_only=True):
     robots: int | None = None
     """None: the fleet file's, or `ROBOTS`."""
     bridge: BridgeKind = "can"
+    plant: str | None = None
+    """What moves the robots, see `firmware_bridge.simulation.plants`; None: the fleet's."""
+    ros_path: tuple[str, ...] = ()
+    """Where rospy or rclpy lies; empty: where the profile says."""
     rate_hz: float = 50.0
     duration_s: float = 30.0
     fleet: Path | None = None
@@ -65,12 +72,13 @@ class Station(msgspec.Struct, frozen=True):
     robot_id: int
     fleet_file: str
     wire: str
-    """CAN: the bus's address; MAVLink: the firmware's port."""
+    """CAN: the bus's address; MAVLink: the firmware's port; ROS: the namespace."""
     port: int
     """Where it hears its team."""
     start_m: Vector2
     goal_m: Vector2 | None
     heading_rad: float
+    vehicle: Vehicle
 
 
 @dataclass(frozen=True)
@@ -87,6 +95,8 @@ class Scenario:
     """On Zenoh, those between all pairs of robots where the network has faults."""
     faults: tuple[AnyFault, ...]
     limits: LimitsFile
+    ros: RosPlace
+    """Of the run's own ROS, where it has one."""
     folder: Path
     """For everything that the run writes and nobody keeps."""
 
@@ -94,11 +104,6 @@ class Scenario:
     def period_s(self) -> float:
         """The control period."""
         return 1.0 / self.request.rate_hz
-
-    @property
-    def ahead_m(self) -> float:
-        """Distance from a base's axle to the point that it steers."""
-        return ahead_m(self.request.bridge)
 
 
 def prepare(request: Request, folder: Path) -> Scenario:
@@ -114,30 +119,71 @@ def prepare(request: Request, folder: Path) -> Scenario:
     _check_rights(request, faults)
     relayed = any(isinstance(fault, NetworkFault) for fault in faults)
     network = free_network(robots, zenoh=on_zenoh(table), relayed=relayed)
-    table = with_streams(table, network.stream, wanted=request.pose_hz > 0.0)
+    # A guard opens no robot of ROS that tells no odometry. Nobody may drive before all are there: their poses
+    # come in a stream, which begins then.
+    streamed = request.pose_hz > 0.0 or request.bridge in ROS
+    table = with_streams(table, network.stream, wanted=streamed)
     files = write_fleets(table, robots, network, folder)
     fleet = load_fleet(files[robots[0]])
     if request.limits == DEFAULT_LIMITS and any(each.goal_m for each in fleet.tracked):
         # Who carries something together touches it, and each other.
         limits = replace(limits, run=replace(limits.run, collisions=None))
-    bundle = robot_bundle(fleet, fleet.robots[0], str(request.policy or ""))
+    bundles = [robot_bundle(fleet, robot, str(request.policy or "")) for robot in fleet.robots]
+    check_pushed(fleet, bundles)
     stations = tuple(
-        _station(fleet, robot_id, files[robot_id], request.bridge, network) for robot_id in robots
+        _station(robot, bundle, files[robot.id], request.bridge, network)
+        for robot, bundle in zip(fleet.robots, bundles, strict=True)
     )
     relays = tuple(network.relays.items())
     tunnels = tuple(
         Tunnel(one, other, port, network.zenoh[other]) for (one, other), port in network.tunnels.items()
     )
-    return Scenario(request, fleet, bundle, stations, relays, tunnels, faults, limits, folder)
+    ros = _ros_place(request, folder)
+    return Scenario(request, fleet, bundles[0], stations, relays, tunnels, faults, limits, ros, folder)
+
+
+def _ros_place(request: Request, folder: Path) -> RosPlace:
+    """Find a place for the run's own ROS, where it speaks one.
+
+    Raises:
+        ConfigError: if that ROS is not installed.
+    """
+    if request.bridge not in ROS:
+        return RosPlace()
+    kind = ROS[request.bridge]
+    check_ros(kind.library, ros_folders(request.bridge, request.ros_path), f"--bridge {request.bridge}")
+    return free_ros(kind.ros, folder)
+
+
+def check_pushed(fleet: Fleet, bundles: Sequence[Bundle]) -> None:
+    """Refuse policies that VMAS, whose robots are pushed by forces in the plane, cannot move.
+
+    Raises:
+        BundleError: says which, and what it would take.
+    """
+    for bundle in bundles if fleet.simulation.plant == "vmas" else ():
+        motion = bundle.manifest.motion
+        if not isinstance(motion, PointForce) or motion.action_dim != 2:
+            raise BundleError(
+                f"{bundle.manifest.name}: motion.type is {motion.kind!r}; plant 'vmas' takes 'point_force' "
+                "in the plane, plant 'discs' any"
+            )
 
 
 def _team_table(request: Request, folder: Path) -> Table:
+    table = _asked_table(request, folder)
+    simulation = dict(table.get("simulation", {}))
+    plant = request.plant or simulation.get("plant", "discs")
+    check_installed(plant, f"--plant {plant}" if request.plant else f"--task {request.task}")
+    return {**table, "simulation": {**simulation, "plant": plant}}
+
+
+def _asked_table(request: Request, folder: Path) -> Table:
     if request.task is not None:
         write_key(folder / "team.key")
         table = task_team(request.task)
         if request.robots not in (None, len(table["robots"])):
             raise ConfigError(f"--robots {request.robots}: {request.task} has {len(table['robots'])}")
-        check_installed(table.get("simulation", {}).get("plant", "discs"), f"--task {request.task}")
         return resolved(table, folder)
     if request.fleet is None:
         write_key(folder / "team.key")
@@ -180,16 +226,16 @@ def _check_clock() -> None:
         raise ConfigError("the fault clock_jump may not set the clock: it needs CAP_SYS_TIME") from error
 
 
-def _station(fleet: Fleet, robot_id: int, file: Path, bridge: BridgeKind, network: Network) -> Station:
-    robot = fleet.robot(robot_id)
+def _station(robot: Robot, bundle: Bundle, file: Path, bridge: BridgeKind, network: Network) -> Station:
     x, y, *_ = robot.start_m
     goal_x, goal_y, *_ = robot.goal_m or (x + 1.0, y)
     heading = math.atan2(goal_y - y, goal_x - x)
-    number, port = network.wires[robot_id], network.ports[robot_id]
-    wire = multicast_bus(number) if bridge == "can" else str(number)
-    return Station(
-        robot_id, str(file), wire, port, (x, y), (goal_x, goal_y) if robot.goal_m else None, heading
-    )
+    number, port = network.wires[robot.id], network.ports[robot.id]
+    wires = {"can": multicast_bus(number), "mavlink": str(number)}
+    wire = wires.get(bridge, f"/robot_{robot.id}")
+    goal_m = (goal_x, goal_y) if robot.goal_m else None
+    driven = vehicle(bridge, bundle.manifest.motion)
+    return Station(robot.id, str(file), wire, port, (x, y), goal_m, heading, driven)
 
 
 def robot_bundle(fleet: Fleet, robot: Robot, policy: str) -> Bundle:

@@ -12,7 +12,7 @@ from firmware_bridge.guard.link import Condition
 from firmware_bridge.kinematics.base import motion_for
 
 NORMAL = {"vehicle": 0, "control": 1, "errors": 0, "byte6": 0}
-FINE = {"agilex_v2": {}, "agilex_hunter": {}, "agilex_limo": {"byte6": 2}}
+FINE = {"agilex_v2": {}, "agilex_omni": {}, "agilex_hunter": {}, "agilex_limo": {"byte6": 2}}
 BATTERY, BATTERY_LOW, REMOTE, DRIVER, COMPUTER, ENCODER = 0x0001, 0x0002, 0x0004, 0x0100, 0x0200, 0x0080
 MOTORS = (0x0008, 0x0010, 0x0020, 0x0040)
 """SYSTEM_ERROR_*_MASK of ugv_sdk's agilex_message.h."""

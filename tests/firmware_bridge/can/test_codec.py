@@ -274,7 +274,9 @@ class TestProfiles:
         assert moved.decode(frame(0x21, "00 00 00 00 08 00 00 00")) is None
 
     def test_unknown_names_list_the_known_ones(self):
-        with pytest.raises(ConfigError, match="agilex_hunter, agilex_limo, agilex_ranger, agilex_v2, "):
+        with pytest.raises(
+            ConfigError, match="agilex_hunter, agilex_limo, agilex_omni, agilex_ranger, agilex_v2, "
+        ):
             profile_path("scout")
 
     @pytest.mark.parametrize("name", ["odrive_cansimple", "vesc"])

@@ -12,10 +12,12 @@ from waiting import HANG_S, until
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.ros.profile import profile_path
 from firmware_bridge.sil.firmware.ros_base import RosBase
-from firmware_bridge.sil.firmware.ros_node import Twisted
+from firmware_bridge.sil.firmware.ros_node import Stop, Twisted
 from firmware_bridge.sil.firmware.world import BaseState
+from firmware_bridge.sil.scenario.ros_place import free_ros
 
 faults = pytest.importorskip("benchmarks.faults.ros_robot", reason="benchmarks are a workstation's")
 REST = BaseState((0.0, 0.0), 0.0, 0.0, 0.0)
@@ -25,13 +27,13 @@ REST = BaseState((0.0, 0.0), 0.0, 0.0, 0.0)
 def kind(request, monkeypatch, tmp_path):
     """A robot's class, whose profile is a patient one."""
     if request.param == 1:
-        base, folder = faults.Ros1Robot, DEBIAN
+        base, folder, name = faults.Ros1Robot, DEBIAN, "husky_noetic"
     else:
         domain(monkeypatch)
-        base, folder = faults.Ros2Robot, str(site_packages("kilted"))
+        base, folder, name = faults.Ros2Robot, str(site_packages("kilted")), "clearpath_jazzy"
     patient = tmp_path / "patient.toml"
-    patient.write_text("stale_s = 5.0\n" + profile_path(base.profile).read_text())
-    for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+    patient.write_text("stale_s = 5.0\n" + profile_path(name).read_text())
+    for name in (*free_ros(1, tmp_path).environment, *free_ros(2, tmp_path).environment):
         monkeypatch.setenv(name, os.environ.get(name, ""))  # put back afterwards
     return type("Patient", (base,), {"python_path": (folder,), "profile": str(patient)})
 
@@ -68,11 +70,15 @@ def test_a_base_follows_its_newest_command_until_its_timeout():
     base = RosBase(0.25, lambda: now)
     heard = []
     base.on_command = heard.append
-    assert base.hear(Twisted(0.5, 0.1, now), now) == []
-    assert base.motion(now + 0.2) == (0.5, 0.1)
-    assert base.motion(now + 0.3) == (0.0, 0.0)
+    assert base.hear(Twisted(0.5, 0.2, 0.1, now), now) == []
+    assert base.motion(now + 0.2) == BaseMotion(0.5, 0.2, 0.1)
+    base.pressed = True
+    assert base.motion(now + 0.2) == BaseMotion()
+    assert base.report(REST) == [Stop(True), REST]
+    base.pressed = False
+    assert base.motion(now + 0.3) == BaseMotion()
     assert (base.timeouts, base.timed_out_s) == (1, now + 0.3)
-    assert heard[0].motion == (0.5, 0.1)
+    assert heard[0].motion == BaseMotion(0.5, 0.2, 0.1)
     assert base.report(REST) == [REST]
     base.stale = True
     assert base.report(REST) == []

@@ -76,6 +76,11 @@ kind = "kill"
 part = "guard"
 at_s = 3.0
 robot = 1
+[[fault]]
+kind = "emergency_stop"
+robot = 0
+at_s = 4.4
+for_s = 0.4
 """
 AIR_FAULTS = """
 [[fault]]
@@ -196,7 +201,7 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
     done, report = run(folder, "--robots", "4", "--duration", "5", faults=BUS_FAULTS)
     assert done.returncode == 0, done.stderr
     assert report["verdict"] == "passed"
-    assert [fault["kind"] for fault in report["faults"]][-2:] == ["kill", "kill"]
+    assert [fault["kind"] for fault in report["faults"]][-3:] == ["kill", "kill", "emergency_stop"]
     robots = report["robots"]
     assert [robot["exempt"] for robot in robots] == [True, True, True, False]
     refused = robots[3]["refused_messages"]
@@ -207,6 +212,7 @@ def test_a_team_on_can_through_every_fault_of_its_network(folder):
     assert robots[3]["halts_s"] == [] or robots[3]["halts_s"][-1][1] < 5.0
     assert robots[2]["stop_reason"] == "" and robots[2]["halts_s"][-1][1] == 5.0
     assert "guard ended" in robots[1]["stop_reason"]
+    assert "an operator has the robot" in robots[0]["stop_reason"]
     assert robots[1]["firmware_timeouts"] == 1  # nobody was left to stop it but its own firmware
     assert report["ended"] == []
     stops = {(fault["kind"], one["robot_id"]): one for fault in report["faults"] for one in fault["stops"]}

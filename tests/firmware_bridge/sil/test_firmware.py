@@ -7,8 +7,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as common
 
 from firmware_bridge.can.frame import Frame
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.mavlink.profiles import PROFILES
-from firmware_bridge.sil.firmware.agilex import BY_OPERATOR, AgilexChassis
+from firmware_bridge.sil.firmware.agilex import BY_OPERATOR, EMERGENCY_STOP, AgilexChassis
 from firmware_bridge.sil.firmware.autopilot import STATION_TIMEOUT_S, Autopilot
 from firmware_bridge.sil.firmware.firmware import REST
 from firmware_bridge.sil.firmware.intervals import STREAM_PERIOD_S
@@ -84,9 +85,26 @@ class TestChassis:
             assert chassis.motion(clock()) == REST
         chassis.hear(RELEASED, clock())
         chassis.hear(HALF, clock())
-        assert chassis.motion(clock()) == (0.5, 0.2)
+        assert chassis.motion(clock()) == BaseMotion(0.5, 0.0, 0.2)
         chassis.hear(LOCKED, clock())
         assert chassis.motion(clock()) == REST
+
+    def test_it_rests_while_its_emergency_stop_is_pressed_and_says_so(self, chassis, clock):
+        enabled(chassis)
+        chassis.hear(HALF, clock())
+        chassis.pressed = True
+        assert chassis.motion(clock()) == REST
+        assert chassis.report(STATE)[0].data[0] == EMERGENCY_STOP
+        chassis.pressed, clock.now_s = False, clock.now_s + 0.1
+        assert chassis.report(STATE)[0].data[0] == 0
+
+    def test_it_moves_sideways_where_it_is_told_to(self, chassis, clock):
+        enabled(chassis)
+        chassis.hear(Frame(0x111, struct.pack(">hhhh", 100, -300, 250, 0)), clock())
+        assert chassis.motion(clock()) == BaseMotion(0.1, 0.25, -0.3)
+        chassis.report(STATE)
+        (told,) = chassis.report(STATE._replace(lateral_m_s=0.25))
+        assert told.data[4:6] == struct.pack(">h", 250)
 
     def test_an_operator_keeps_it(self, chassis, clock):
         enabled(chassis)
@@ -98,7 +116,7 @@ class TestChassis:
     def test_it_stops_by_itself_after_its_timeout_and_counts_it_once(self, chassis, clock):
         enabled(chassis)
         chassis.hear(HALF, arrival_s=100.0)
-        assert chassis.motion(100.0 + chassis.timeout_s) == (0.5, 0.2)
+        assert chassis.motion(100.0 + chassis.timeout_s) == BaseMotion(0.5, 0.0, 0.2)
         for later_s in (1e-3, 1.0):
             assert chassis.motion(100.0 + chassis.timeout_s + later_s) == REST
         assert (chassis.timeouts, chassis.timed_out_s) == (1, 100.0 + chassis.timeout_s + 1e-3)
@@ -131,7 +149,7 @@ class TestAutopilot:
         assert rover.motion(clock()) == REST
         engage(rover)
         say(rover, setpoint())
-        assert rover.motion(clock()) == (0.5, pytest.approx(0.2))
+        assert rover.motion(clock()) == BaseMotion(0.5, 0.0, pytest.approx(0.2))
         say(rover, command(common.MAV_CMD_DO_SET_MODE, 1, 4))
         assert rover.motion(clock()) == REST
 

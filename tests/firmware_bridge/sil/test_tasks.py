@@ -20,11 +20,13 @@ from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.run.flags import make_mission, read_flags
 from edge_runtime.team.membership import Alone, open_fleet
 from export.scenarios.firmware_world import VmasWorld
+from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.edge_sil import main as edge_sil
 from firmware_bridge.sil.firmware import sources as streams
 from firmware_bridge.sil.firmware.node import STEP_S
+from firmware_bridge.sil.firmware.planar_world import PlanarWorld
 from firmware_bridge.sil.firmware.sources import Sources
-from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.firmware.world import Standing
 from firmware_bridge.sil.harness.robots import robot_arguments
 from firmware_bridge.sil.scenario.scenario import Request, prepare, robot_bundle
 
@@ -38,21 +40,24 @@ def scenario(folder, task, **others):
 def world_of(ready):
     fleet = load_fleet(Path(ready.stations[0].fleet_file))
     manifests = [robot_bundle(fleet, robot, "").manifest for robot in fleet.robots]
-    headings = [0.0] * len(manifests)
-    return fleet, manifests, VmasWorld(fleet, manifests, headings, AHEAD_M, STEP_S, 0.1)
+    return fleet, manifests, VmasWorld(fleet, manifests, standing(fleet), STEP_S, 0.1)
+
+
+def standing(fleet):
+    return [Standing(robot.start_m[:2], 0.0, AHEAD_M) for robot in fleet.robots]
 
 
 def test_without_a_load_its_robots_follow_as_in_the_other_world(tmp_path):
     fleet, manifests, world = world_of(scenario(tmp_path, "sampling"))
-    starts = [motion[:2] for motion in (robot.start_m for robot in fleet.robots)]
-    plain = World(manifests, starts, [0.0] * 3, AHEAD_M, STEP_S)
+    plain = PlanarWorld(manifests, standing(fleet), STEP_S)
+    starts = plain.position_m.copy()
     for _ in range(300):
-        motions = [(0.1, 0.2), (0.05, -0.1), (-0.1, 0.0)]
+        motions = [BaseMotion(0.1, 0.0, 0.2), BaseMotion(0.05, 0.0, -0.1), BaseMotion(-0.1)]
         world.step(motions)
         plain.step(motions)
     # One pushes as hard as it can, the other as hard as the policy meant: both come to that velocity.
     np.testing.assert_allclose(world.velocity_m_s, plain.velocity_m_s, atol=0.03)
-    assert np.linalg.norm(world.position_m - np.array(starts), axis=1).min() > 0.1
+    assert np.linalg.norm(world.position_m - starts, axis=1).min() > 0.1
 
 
 def test_a_team_lifts_its_load_no_harder_than_it_is_told(tmp_path):
@@ -64,11 +69,11 @@ def test_a_team_lifts_its_load_no_harder_than_it_is_told(tmp_path):
         velocity = world.velocity_m_s[:, 1] * 0.75 + 0.1 * force / mass_kg
         headings = [world.state(robot).heading_rad for robot in range(5)]
         told = zip(velocity.tolist(), headings, strict=True)
-        world.step([(up * math.sin(turn), up * math.cos(turn) / AHEAD_M) for up, turn in told])
+        world.step([BaseMotion(up * math.sin(turn), 0.0, up * math.cos(turn) / AHEAD_M) for up, turn in told])
         height.append(world.objects()[0].position_m[1])
     assert height[-1] > height[0] + 0.1
     for _ in range(300):
-        world.step([(0.0, 0.0)] * 5)
+        world.step([BaseMotion()] * 5)
     assert world.objects()[0].position_m[1] < height[-1] + 0.05
 
 
@@ -145,7 +150,8 @@ def test_streams_with_a_rate_of_their_own_are_told_at_it(monkeypatch):
     monkeypatch.setattr(streams, "team_key", lambda _: b"key")
     robot = SimpleNamespace(id=4, pose_place=("127.0.0.1", 1), address="127.0.0.1:2", sensors={})
     fleet = SimpleNamespace(robots=(robot,), tracked=())
-    world = World([packaged_bundle("navigation").manifest], [(0.0, 1.0)], [0.5], 0.1, 0.01)
+    manifest, there = packaged_bundle("navigation").manifest, Standing((0.0, 1.0), 0.5, 0.1)
+    world = PlanarWorld([manifest], [there], 0.01)
     told_at_100_hz = Sources(fleet, world, lambda _, *pose: seen.append(pose), 100.0, 5.0)
     for now_s in (4.99, 5.0, 5.009, 5.0101, 5.05, 5.0599):
         told_at_100_hz.tell_due(now_s)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
 from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
+from firmware_bridge.sil.firmware.planar_world import PlanarWorld
 from firmware_bridge.sil.firmware.stops import Stops
 from firmware_bridge.sil.firmware.truth import Truth
-from firmware_bridge.sil.firmware.world import World
+from firmware_bridge.sil.firmware.world import Standing
 from firmware_bridge.sil.scenario.faults import Blackout, Kill, Loss
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.simulation.plant import Plant, contact_forces
@@ -24,7 +25,9 @@ MARGIN = 2 * MANIFEST.body.radius_m
 
 
 def make(*starts, headings=None):
-    return World([MANIFEST] * len(starts), starts, headings or [0.0] * len(starts), AHEAD_M, PERIOD_S)
+    looks = headings or [0.0] * len(starts)
+    standings = [Standing(start, look, AHEAD_M) for start, look in zip(starts, looks, strict=True)]
+    return PlanarWorld([MANIFEST] * len(starts), standings, PERIOD_S)
 
 
 @settings(deadline=None, max_examples=30)
@@ -37,7 +40,7 @@ def test_the_disc_takes_the_velocity_that_the_base_was_told(heading, wanted):
     world = make((0.0, 0.0), headings=[heading])
     for _ in range(300):
         motion = motion_for(wanted, world.state(0).heading_rad, BASE)
-        world.step([(motion.forward_m_s, motion.yaw_rad_s)])
+        world.step([motion])
     np.testing.assert_allclose(world.velocity_m_s[0], wanted, atol=1e-3)
 
 
@@ -46,7 +49,7 @@ def test_no_command_accelerates_beyond_the_manifests_limits():
     most = max(field.high for field in MANIFEST.action) * PERIOD_S / MANIFEST.motion.mass_kg
     before = np.zeros(2)
     for step in range(50):
-        world.step([(100.0 * (-1) ** (step // 10), 30.0)])
+        world.step([BaseMotion(100.0 * (-1) ** (step // 10), 0.0, 30.0)])
         after = world.velocity_m_s[0].copy()
         assert np.abs(after - (1 - MANIFEST.motion.at_period(PERIOD_S).drag) * before).max() <= most * 1.001
         before = after
@@ -62,9 +65,9 @@ def test_contacts_are_the_plants():
     for _ in range(60):
         plant.position_m[:], plant.velocity_m_s[:] = world.position_m, world.velocity_m_s
         ahead = np.array([(math.cos(h), math.sin(h)) for h in (world.state(0)[1], world.state(1)[1])])
-        lacking = ahead - (1.0 - plant.motion.drag) * plant.velocity_m_s
-        world.step([(1.0, 0.0), (1.0, 0.0)])
-        plant.step(np.clip(lacking * plant.motion.mass_kg / PERIOD_S, x.low, x.high))
+        lacking = ahead - (1.0 - MANIFEST.motion.at_period(PERIOD_S).drag) * plant.velocity_m_s
+        world.step([BaseMotion(1.0), BaseMotion(1.0)])
+        plant.step(np.clip(lacking * MANIFEST.motion.mass_kg / PERIOD_S, x.low, x.high))
         touched += bool(contact_forces(plant.position_m, MANIFEST.body.radius_m).any())
         np.testing.assert_allclose(world.position_m, plant.position_m, atol=1e-6)
     assert touched > 20
@@ -76,10 +79,10 @@ def test_odometry_leads_back_to_the_truth():
     world = make((0.4, -0.3), headings=[1.0])
     axle = world.state(0)
     reckoned = DeadReckoning(0, PlanarPose(*axle.position_m, axle.heading_rad), BASE)
-    motion = (0.0, 0.0)
+    motion = BaseMotion()
     for step in range(1000):
         if step % 50 == 0:
-            motion = (draw.uniform(-0.3, 0.3), draw.uniform(-1.0, 1.0))
+            motion = BaseMotion(draw.uniform(-0.3, 0.3), 0.0, draw.uniform(-1.0, 1.0))
         world.step([motion])
         pose = world.state(0)
         state = reckoned.advance(BaseMotion(pose.forward_m_s, 0.0, pose.yaw_rad_s), step * PERIOD_S)
@@ -92,7 +95,7 @@ def test_collisions_count_once_when_they_begin():
     truth = Truth(world, [(0.0, 0.0)] * 3, (), PERIOD_S)
     for push in (0.5, -0.5, 0.5):
         for _ in range(150):
-            world.step([(push, 0.0), (-push, 0.0), (0.0, 0.0)])
+            world.step([BaseMotion(push), BaseMotion(-push), BaseMotion()])
             truth.follow()
     outcomes = truth.outcomes()
     assert [one.collisions for one in outcomes] == [2, 2, 0]
@@ -126,7 +129,7 @@ def test_every_fault_has_its_way_to_rest():
     at_m = {}
     for step in range(400):
         time_s = step * PERIOD_S
-        world.step([(0.2 * (time_s < 1.5), 0.0), (0.2, 0.0)])
+        world.step([BaseMotion(0.2 * (time_s < 1.5)), BaseMotion(0.2)])
         stops.follow(time_s)
         at_m[step] = float(world.position_m[0, 0])
     (guard,), nobody, (runtime,), dark = stops.stops()

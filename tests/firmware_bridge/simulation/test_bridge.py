@@ -102,7 +102,7 @@ def test_the_guided_team_reaches_its_goals_apart(rate_hz):
 
 def test_the_plant_runs_at_the_control_period():
     assert isinstance(open_bridge(mission(25.0)).plant, Discs)
-    assert open_bridge(mission(25.0)).plant.world.motion.dt_s == 0.04
+    assert open_bridge(mission(25.0)).plant.world.motions[0].dt_s == 0.04
 
 
 def test_a_team_of_processes_simulates_its_own_robot_only():

@@ -66,7 +66,7 @@ def test_one_second_is_one_second_at_any_period():
     plants = [Plant(MANIFEST.motion.at_period(period), RADIUS_M, [[0.0, 0.0]]) for period in (0.1, 0.02)]
     for plant in plants:
         plant.velocity_m_s[:] = 1.0
-        for _ in range(round(1.0 / plant.motion.dt_s)):
+        for _ in range(round(1.0 / plant.motions[0].dt_s)):
             plant.step([[0.0, 0.0]])
     np.testing.assert_allclose(plants[0].velocity_m_s, plants[1].velocity_m_s, rtol=1e-9)
 
@@ -74,9 +74,9 @@ def test_one_second_is_one_second_at_any_period():
 def test_an_obstacle_pushes_as_a_robot_does_and_is_not_pushed():
     """The force on a robot is the same, whatever stands in its way; both touches are told."""
     between = Plant(MANIFEST.motion, RADIUS_M, [[0.0, 0.0], [0.15, 0.1]])
-    before = Plant(MANIFEST.motion, RADIUS_M, [[0.0, 0.0]], [Obstacle((0.15, 0.1), RADIUS_M)])
+    at_once = replace(MANIFEST.motion, substeps=1)
+    before = Plant(at_once, RADIUS_M, [[0.0, 0.0]], [Obstacle((0.15, 0.1), RADIUS_M)])
     force = contact_forces(between.position_m, RADIUS_M)[0]
-    before.motion = replace(before.motion, substeps=1)
     before.step([[0.0, 0.0]])
     np.testing.assert_allclose(before.velocity_m_s[0], 0.1 * force)
     assert before.obstacles() == [(0.15, 0.1, RADIUS_M)]
