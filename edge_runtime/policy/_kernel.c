@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
@@ -238,7 +238,7 @@ static PyObject *network_observe(NetworkObject *self, PyObject *observation)
     Py_RETURN_NONE;
 }
 
-static PyObject *network_step(NetworkObject *self, PyObject *number)
+static PyObject *take_step(NetworkObject *self, PyObject *number, int tangents)
 {
     Network *net = &self->net;
     const long k = PyLong_AsLong(number);
@@ -246,9 +246,16 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
         return NULL;
     if (k < 0 || k >= net->euler_steps)
         return PyErr_Format(PyExc_IndexError, "step %ld of %d", k, net->euler_steps);
-    net->engine->step(net, (int)k, self->action.buf, self->result.buf);
+    net->engine->step(net, (int)k, tangents, self->action.buf, self->result.buf);
     Py_RETURN_NONE;
 }
+
+static PyObject *network_step(NetworkObject *self, PyObject *number)
+{
+    return take_step(self, number, self->net.action_dim);
+}
+
+static PyObject *network_velocity(NetworkObject *self, PyObject *number) { return take_step(self, number, 0); }
 
 /* Reads one term, (kind, count, factor, dims, gain, gains, numbers), from where *next points to, and has *next
  * point behind it; false if there is none. */
@@ -336,6 +343,7 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
 static PyMethodDef network_methods[] = {
     {"observe", (PyCFunction)network_observe, METH_O, "observe(observation): float32 (B, O)"},
     {"step", (PyCFunction)network_step, METH_O, "step(k): reads action (B, d), writes result (B, 1 + d, d)"},
+    {"velocity", (PyCFunction)network_velocity, METH_O, "velocity(k): as step, of result the first B d alone"},
     {"sample", (PyCFunction)network_sample, METH_VARARGS,
      "sample(projection, count, terms, start, left_s, most_steps) -> (action, steps, projections, fault, "
      "opposed, "

@@ -286,7 +286,7 @@ INLINE Sample sample_sized(const int d, Network *net, Projection projection, con
         float result[(1 + MAX_ACTION) * MAX_ACTION], at[MAX_ACTION];
         for (int i = 0; i < d; i++)
             at[i] = (float)action.at[i];
-        net->engine->step(net, k, at, result);
+        net->engine->step(net, k, count > 0 ? d : 0, at, result);
         Vector velocity, tangents[MAX_ACTION]; /* v and dv/da_j */
         for (int i = 0; i < d; i++) {
             velocity.at[i] = result[i];

@@ -11,7 +11,7 @@ typedef struct {
     const char *name;
     int block; /* columns that a product computes at once: widths are padded to a multiple of it */
     void (*observe)(Network *, const float *observation);
-    void (*step)(Network *, int k, const float *action, float *result);
+    void (*step)(Network *, int k, int tangents, const float *action, float *result);
 } Engine;
 
 typedef struct {

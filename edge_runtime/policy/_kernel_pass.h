@@ -91,9 +91,9 @@ static TARGET void NAME(product)(const float *x, int rows, int stride, const Lay
     }
 }
 
-/* One robot's rows after the activation: the value, and its slope times the tangents. */
+/* One robot's rows after the activation: the value, and its slope times so many tangents. */
 static TARGET void NAME(activate)(const Network *net, const float *value, const float *offset,
-                                  const float *tangents, int stride, int padded, float *after,
+                                  const float *tangents, int count, int stride, int padded, float *after,
                                   int after_stride)
 {
     for (int j = 0; j < padded; j += LANES) {
@@ -108,7 +108,7 @@ static TARGET void NAME(activate)(const Network *net, const float *value, const 
             slope = 1.0f - activated * activated;
         }
         *(vector *)(after + j) = activated;
-        for (int i = 0; i < net->action_dim; i++)
+        for (int i = 0; i < count; i++)
             *(vector *)(after + (size_t)(1 + i) * after_stride + j) =
                 slope * *(const vector *)(tangents + (size_t)i * stride + j);
     }
@@ -141,44 +141,45 @@ static TARGET void NAME(observe)(Network *net, const float *observation)
 }
 
 /* The first layer: its tangents before the activation are the action's weight rows themselves. */
-static TARGET void NAME(enter)(Network *net, int k, const float *action, int stride)
+static TARGET void NAME(enter)(Network *net, int k, int tangents, const float *action, int stride)
 {
     const int d = net->action_dim, padded = net->layer[0].padded;
     for (int b = 0; b < net->batch; b++) {
-        float *value = net->before + (size_t)b * (1 + d) * stride;
+        float *value = net->before + (size_t)b * (1 + tangents) * stride;
         memcpy(value, net->observed + (size_t)b * padded, sizeof(float) * padded);
         for (int i = 0; i < d; i++)
             for (int j = 0; j < padded; j += LANES)
                 *(vector *)(value + j) +=
                     action[b * d + i] * *(const vector *)(net->action_rows + (size_t)i * padded + j);
         NAME(activate)
-        (net, value, net->time_parts + (size_t)k * padded, net->action_rows, padded, padded,
-         net->after + (size_t)b * (1 + d) * stride, stride);
+        (net, value, net->time_parts + (size_t)k * padded, net->action_rows, tangents, padded, padded,
+         net->after + (size_t)b * (1 + tangents) * stride, stride);
     }
 }
 
-/* result (B, 1 + d, d): each robot's velocity, then dv/da_j, at flow time k / T. */
-static TARGET void NAME(step)(Network *net, int k, const float *action, float *result)
+/* result (B, 1 + tangents, d): each robot's velocity at the beginning of step k, then dv/da_j: for every j, or
+ * for none. */
+static TARGET void NAME(step)(Network *net, int k, int tangents, const float *action, float *result)
 {
-    const int d = net->action_dim, rows = net->batch * (1 + d), stride = net->stride;
-    NAME(enter)(net, k, action, stride);
+    const int d = net->action_dim, each = 1 + tangents, rows = net->batch * each, stride = net->stride;
+    NAME(enter)(net, k, tangents, action, stride);
     for (int l = 1; l < net->layers; l++) {
         const Layer *layer = &net->layer[l];
         NAME(product)(net->after, rows, stride, layer, layer[-1].width, net->before);
-        for (int row = 0; row < rows; row += 1 + d) {
+        for (int row = 0; row < rows; row += each) {
             const float *value = net->before + (size_t)row * stride;
             NAME(activate)
-            (net, value, layer->bias, value + stride, stride, layer->padded,
+            (net, value, layer->bias, value + stride, tangents, stride, layer->padded,
              net->after + (size_t)row * stride, stride);
         }
     }
     const int padded = net->layer[net->layers - 1].padded;
     for (int row = 0; row < rows; row++) {
-        const int tangent = row % (1 + d) - 1;
+        const int tangent = row % each - 1;
         for (int i = 0; i < d; i++) {
             const float product =
                 NAME(dot)(net->after + (size_t)row * stride, net->output + (size_t)i * padded, padded);
-            const float along = tangent < 0 ? action[row / (1 + d) * d + i] : (float)(tangent == i);
+            const float along = tangent < 0 ? action[row / each * d + i] : (float)(tangent == i);
             result[row * d + i] =
                 product + net->prior_gain[k] * along + (tangent < 0 ? net->output_bias[i] : 0.0f);
         }

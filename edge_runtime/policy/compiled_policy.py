@@ -19,7 +19,7 @@ from edge_runtime.policy.flow_steps import SamplerName, Schedule, flow_steps
 from edge_runtime.policy.velocity_field import Sample, Sampler, Term, check_counts, check_observation
 from edge_runtime.policy.weights import FlowWeights
 
-INTERFACE: Final = 3
+INTERFACE: Final = 4
 """Of the kernel that this module was written for; see ``_kernel.c``."""
 
 
@@ -28,6 +28,7 @@ class _Network(Protocol):
 
     def observe(self, observation: Array) -> None: ...
     def step(self, k: int) -> None: ...
+    def velocity(self, k: int) -> None: ...
     def sample(
         self,
         projection: int,
@@ -128,6 +129,7 @@ class CompiledPolicy:
         self._action = np.empty((batch, self.action_dim), np.float32)
         result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
         self._velocity_and_tangents = result.transpose(1, 0, 2)
+        self._velocity = result.ravel()[: self._action.size].reshape(self._action.shape)
         self._network = _build(kernel, weights, self.schedule, self._action, result, self.engine)
 
     def observe(self, observation: npt.ArrayLike) -> None:
@@ -147,8 +149,10 @@ class CompiledPolicy:
         return self._velocity_and_tangents
 
     def velocity(self, k: int, action: npt.ArrayLike) -> Array:
-        """The velocity; see `VelocityField.velocity`."""
-        return self.step(k, action)[0]
+        """The velocity alone; see `VelocityField.velocity`."""
+        self._action[:] = action
+        self._network.velocity(k)
+        return self._velocity
 
     @property
     def sampler(self) -> Sampler | None:
