@@ -199,6 +199,7 @@ def _show_counted(report: SilReport) -> str:
 
 
 def _pose_age(report: SilReport) -> Iterator[str]:
+    yield from report.ended  # its guard's commands to stop rest on no pose
     for robot in _driving(report):
         yield from _aged(robot, robot.pose_to_command_age_ms, PATIENCE * 1e3 / report.rate_hz)
 

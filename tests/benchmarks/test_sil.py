@@ -87,6 +87,11 @@ def test_the_soak_sees_growth_and_crashes():
     assert missing("soak, 8 robots", robot(0), processes=(small,), ended=("robot_1 ended",)) != ()
 
 
+def test_a_robot_that_its_guard_stopped_is_named_beside_its_poses():
+    stopped = "robot_0 ended: the guard stopped the robot"
+    assert missing("pose to command, MAVLink", robot(0, **YOUNG), ended=(stopped,)) == (stopped,)
+
+
 def test_a_disturbed_row_says_so():
     case = CASES["rate, CAN"]
     assert line(row_of(case, report(robot(0)))).endswith("| yes |")

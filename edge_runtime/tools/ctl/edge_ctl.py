@@ -125,7 +125,8 @@ def hand_over(link: OperatorLink, bundle: Bundle) -> int:
         link.abort()
         raise KeyboardInterrupt("interrupted, nothing was changed") from None
     tick = _commit(link, version)
-    print(f"{len(link.standings)} robots run {policy_text(bundle)}, version {version}, from tick {tick} on")
+    count, policy = len(link.standings), policy_text(bundle)
+    print(f"{count} robots run {policy} from tick {tick} on, as the team's version {version}")
     return 0
 
 

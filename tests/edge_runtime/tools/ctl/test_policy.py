@@ -108,8 +108,8 @@ def test_four_robots_run_a_policy_from_one_tick_on(team, tmp_path, capsys):
     team.until_all_drive(capsys)
     after = bundle(tmp_path, "newer", 2, euler_steps=5)
     until(lambda: team.order("policy", after) == 0)  # on a busy machine a robot may be too slow at first
-    told = r"4 robots run newer [0-9a-f]{12}, version (\d+), from tick (\d+) on\n"
-    version, tick = map(int, re.fullmatch(told, capsys.readouterr().out).groups())
+    told = r"4 robots run newer [0-9a-f]{12} from tick (\d+) on, as the team's version (\d+)\n"
+    tick, version = map(int, re.fullmatch(told, capsys.readouterr().out).groups())
     team.until_all_drive(capsys)
     code, rows = team.rows(capsys)
     assert (code, policies(rows)) == (0, ["newer"] * ROBOTS)
