@@ -136,7 +136,7 @@ class Odometer:
         before = self._newest
         if before is None:
             return ""
-        passed_s = odometry.arrival_s - before.arrival_s
+        passed_s = self._passed_s(before, odometry)
         gone_m = math.hypot(odometry.x_m - before.x_m, odometry.y_m - before.y_m)
         if gone_m > 2.0 * self._profile.limits.speed_m_s * passed_s + JUMP_M:
             return f"odometry jumped by {gone_m:.2f} m"
@@ -147,6 +147,14 @@ class Odometer:
             if turned_rad > 2.0 * fastest * passed_s + JUMP_RAD
             else ""
         )
+
+    def _passed_s(self, before: Odometry, odometry: Odometry) -> float:
+        """Time between two messages: that of their arrivals, or of their stamps where the first came late.
+
+        Stamps count for no longer than a message may be late: a clock that leaps hides no jump.
+        """
+        stamped_s = min(odometry.stamp_s - before.stamp_s, self._profile.stale_s) if before.stamp_s else 0.0
+        return max(odometry.arrival_s - before.arrival_s, stamped_s)
 
     def _delay(self, odometry: Odometry) -> None:
         """Compare with the fastest message so far: how late this one is, whatever the robot's clock shows."""

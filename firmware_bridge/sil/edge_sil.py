@@ -58,7 +58,7 @@ examples:
   edge-sil                                                4 robots, CAN, 50 Hz, 30 s
   edge-sil --task balance                                 five robots and their load, at 10 Hz
   edge-sil --bridge mavlink --realtime --json run.json
-  edge-sil --bridge ros1 --rate 20                        Huskies behind a ROS of their own
+  edge-sil --bridge ros1 --rate 20 --plant mujoco         Huskies behind a ROS of their own, wheels that slip
   edge-sil --robots 8 --rate 20 --faults blackout.toml
   edge-sil --fleet team.toml --policy policies/mine --limits strict.toml"""
 
@@ -85,8 +85,8 @@ def make_parser() -> CommandParser:
     )
     team.add_argument(
         "--task",
-        choices=TASKS,
-        help="a packaged team; VMAS, a workstation's, moves balance and sampling",
+        choices=(*TASKS, "husky"),
+        help="a packaged team; a workstation's VMAS moves balance and sampling, its MuJoCo husky",
     )
     add("--policy", type=Path, metavar="DIR", help="policy bundle; default: the fleet's")
     add("--faults", type=Path, metavar="FILE", help="timeline of [[fault]] tables")

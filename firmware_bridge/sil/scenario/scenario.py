@@ -36,6 +36,7 @@ from firmware_bridge.sil.scenario.team_file import (
 )
 from firmware_bridge.sil.scenario.vehicle import ROS, BridgeKind, Vehicle, ros_folders, vehicle
 from firmware_bridge.simulation.plants import check_installed
+from firmware_bridge.simulation.wheels.fit import check_fleet
 
 ROBOTS = 4
 GUARD_PERIODS = 3
@@ -129,7 +130,7 @@ def prepare(request: Request, folder: Path) -> Scenario:
         # Who carries something together touches it, and each other.
         limits = replace(limits, run=replace(limits.run, collisions=None))
     bundles = [robot_bundle(fleet, robot, str(request.policy or "")) for robot in fleet.robots]
-    check_pushed(fleet, bundles)
+    _check_plant(fleet, bundles)
     stations = tuple(
         _station(robot, bundle, files[robot.id], request.bridge, network)
         for robot, bundle in zip(fleet.robots, bundles, strict=True)
@@ -155,15 +156,18 @@ def _ros_place(request: Request, folder: Path) -> RosPlace:
     return free_ros(kind.ros, folder)
 
 
-def check_pushed(fleet: Fleet, bundles: Sequence[Bundle]) -> None:
-    """Refuse policies that VMAS, whose robots are pushed by forces in the plane, cannot move.
+def _check_plant(fleet: Fleet, bundles: Sequence[Bundle]) -> None:
+    """Refuse policies that the plant cannot move; what bridge and base cannot, edge-run's own check does.
 
     Raises:
-        BundleError: says which, and what it would take.
+        EdgeError: says which, and what it would take.
     """
-    for bundle in bundles if fleet.simulation.plant == "vmas" else ():
+    for bundle in bundles:
+        if fleet.simulation.plant == "mujoco":
+            check_fleet(fleet, bundle.manifest)
         motion = bundle.manifest.motion
-        if not isinstance(motion, PointForce) or motion.action_dim != 2:
+        pushed = isinstance(motion, PointForce) and motion.action_dim == 2
+        if fleet.simulation.plant == "vmas" and not pushed:
             raise BundleError(
                 f"{bundle.manifest.name}: motion.type is {motion.kind!r}; plant 'vmas' takes 'point_force' "
                 "in the plane, plant 'discs' any"
@@ -187,7 +191,7 @@ def _asked_table(request: Request, folder: Path) -> Table:
         return resolved(table, folder)
     if request.fleet is None:
         write_key(folder / "team.key")
-        return resolved(generated_team(ROBOTS if request.robots is None else request.robots), folder)
+        return resolved(generated_team(request.robots or ROBOTS, wheels=request.plant == "mujoco"), folder)
     path = request.fleet
     load_fleet(path)
     table = read_toml(path)

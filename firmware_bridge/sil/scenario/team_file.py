@@ -7,6 +7,7 @@ from pathlib import Path
 from edge_runtime.common.paths import named_file
 from edge_runtime.common.toml_file import Table, read_toml
 from edge_runtime.config.fleet import FLEETS
+from edge_runtime.messages import Vector2
 from edge_runtime.observation import Sensor
 from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.bundle_source import is_remote
@@ -17,15 +18,32 @@ NEAREST = 3
 """How many neighbours a robot of a generated team listens to."""
 
 
-def generated_team(robots: int) -> Table:
-    """Return the table of a fleet file: the packaged policy, inside a speed limit and a safety margin."""
+def generated_team(robots: int, *, wheels: bool = False) -> Table:
+    """Return the table of a fleet file: the packaged policy, inside a speed limit and a safety margin.
+
+    Args:
+        robots: how many.
+        wheels: whether they are Huskies, as the packaged fleet has them, and not the policy's own discs.
+    """
+    table = read_toml(FLEETS / "husky.toml") if wheels else _discs()
+    scale_m = table["team"].get("scale_m", 1.0)
     return {
-        "team": {"policy": "navigation"},
+        **table,
         "carrier": {"type": "udp", "key": "team.key", "nearest": NEAREST},
         "robots": [
-            {"id": index, "start_m": list(place.start_m), "goal_m": list(place.goal_m)}
-            for index, place in enumerate(places(robots))
+            {"id": index, "start_m": _scaled(start_m, scale_m), "goal_m": _scaled(goal_m, scale_m)}
+            for index, (start_m, goal_m) in enumerate(places(robots))
         ],
+    }
+
+
+def _scaled(place_m: Vector2, scale_m: float) -> list[float]:
+    return [scale_m * value for value in place_m]
+
+
+def _discs() -> Table:
+    return {
+        "team": {"policy": "navigation"},
         "objectives": [
             {"type": "speed_limit", "limit_m_s": 0.3},
             {"type": "safety_margin", "distance_m": 0.25},

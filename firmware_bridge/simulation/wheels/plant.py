@@ -12,10 +12,10 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.messages import Command, Vector, Vector2
 from edge_runtime.motion.range_sensor import Disc
 from firmware_bridge.kinematics.base import motion_for, turning
-from firmware_bridge.kinematics.fit import check_base
 from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.simulation.plants import Motion
 from firmware_bridge.simulation.wheels.bases import BASES
+from firmware_bridge.simulation.wheels.fit import check_fleet
 from firmware_bridge.simulation.wheels.team import WheeledTeam
 
 
@@ -32,14 +32,8 @@ class WheeledPlant:
         fleet, manifest = mission.fleet, mission.bundle.manifest
         self._mission, self._settings = mission, fleet.simulation
         self.base, self.radius_m = BASES[fleet.simulation.base], manifest.body.radius_m
-        check_base(manifest.motion, self.base.kinematics, f"{fleet.path}: simulation.base")
+        check_fleet(fleet, manifest)
         self._kinematics = turning(self.base.kinematics) if manifest.motion.turns else self.base.kinematics
-        if self.radius_m < self.base.hull_radius_m:
-            least = fleet.team.scale_m * self.base.hull_radius_m / self.radius_m
-            what = f"{fleet.team.scale_m:g} makes the policy's robot smaller than a {fleet.simulation.base}"
-            refuse(fleet.path, "team.scale_m", f"{what}; allowed: at least {least:.3g}")
-        if fleet.obstacles:
-            refuse(fleet.path, "obstacle", "means nothing in plant 'mujoco'; allowed with plant 'discs'")
         self.reset()
 
     def reset(self) -> None:

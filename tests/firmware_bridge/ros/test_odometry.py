@@ -65,6 +65,20 @@ def test_what_is_not_finite_becomes_no_state(odometer, name, number):
     assert odometer.fault(5.04) == ""
 
 
+def test_a_message_that_came_late_is_no_jump_of_the_next(odometer):
+    """At 1 m/s; the first waited for 0.15 s, the second for nothing."""
+    odometer.take(odometry(5.15, x=0.0, stamp_s=wall(5.0)))
+    odometer.take(odometry(5.17, x=0.17, stamp_s=wall(5.17)))
+    assert odometer.fault(5.17) == ""
+
+
+@pytest.mark.parametrize("late_s", [0.0, 3600.0])
+def test_a_clock_that_leaps_hides_no_jump(odometer, late_s):
+    odometer.take(odometry(5.0, stamp_s=wall(5.0)))
+    odometer.take(odometry(5.02, x=0.6, stamp_s=wall(5.02) + late_s))
+    assert odometer.fault(5.02) == "odometry jumped by 0.60 m"
+
+
 def test_a_jump_is_never_forgiven(odometer):
     odometer.take(odometry(5.0))
     odometer.take(odometry(5.02, x=0.13))
