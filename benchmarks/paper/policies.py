@@ -5,6 +5,7 @@ from pathlib import Path
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import MANIFEST_FILE
+from edge_runtime.policy.manifest_file import read_manifest
 
 SEEDS = 10
 """Of every method in the tables."""
@@ -16,16 +17,31 @@ def find_policy(root: Path, task: str, algorithm: str, seed: int) -> Path:
     """Return the directory of one seed's bundle: as committed, or as training leaves it.
 
     Raises:
-        ConfigError: if it is missing; says how to make it.
+        ConfigError: if it is missing, and says how to make it, or if it is the bundle of another policy.
     """
     directory = root / task / algorithm / f"seed-{seed}"
     for found in (directory / "bundle", directory):
         if (found / MANIFEST_FILE).exists():
+            _check_origin(found, task, algorithm, seed)
             return found
     raise ConfigError(
         f"{directory}: no bundle of {algorithm} on {task} with seed {seed}; make it with "
         f"python -m export.train_all --scenarios {task} --algorithms {algorithm} --seeds {seed + 1}"
     )
+
+
+def _check_origin(directory: Path, task: str, algorithm: str, seed: int) -> None:
+    path = directory / MANIFEST_FILE
+    training = read_manifest(path.read_bytes(), path).training
+    if training is None:
+        raise ConfigError(
+            f"{directory}: a policy trained elsewhere, not {algorithm} on {task} with seed {seed}"
+        )
+    if (training.scenario, training.algorithm, training.seed) != (task, algorithm, seed):
+        raise ConfigError(
+            f"{directory}: {training.algorithm} on {training.scenario} with seed {training.seed}, "
+            f"not {algorithm} on {task} with seed {seed}: export that into it"
+        )
 
 
 def digest(directory: Path) -> str:

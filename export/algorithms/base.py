@@ -35,7 +35,7 @@ class TrainingSettings:
     follow it: where one begins well trained, it stays."""
     gradient_limit: float = 1.0
     averaging: float = 0.95
-    """Share of the averaged weights that an update leaves in place: these are validated and deployed."""
+    """Share of the averaged weights that a late update leaves in place: these are validated and deployed."""
     validation_every: int = 25
     """Updates between two validations; a checkpoint follows every update."""
     validation_episodes: int = 512

@@ -2,11 +2,12 @@
 
 import copy
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 
 from export.algorithms.base import Algorithm, TrainingSettings
 from export.algorithms.gae import advantages
@@ -77,7 +78,7 @@ class Trainer:
         self._discounted = torch.zeros(scenario.environments, facts.robots, device=workers.device)
         self._rate = settings.learning_rate
         self._averaged = AveragedModel(
-            algorithm.actor, multi_avg_fn=get_ema_multi_avg_fn(settings.averaging), use_buffers=True
+            algorithm.actor, avg_fn=partial(_averaged, settings.averaging), use_buffers=True
         )
         self._averaged.update_parameters(algorithm.actor)
         self._optimizer = torch.optim.Adam(
@@ -241,3 +242,9 @@ class Trainer:
         factor = 1 / 1.2 if ratio_change > 1.5 * wanted else 1.1 if ratio_change < 0.7 * wanted else 1.0
         low, high = (bound * self.settings.learning_rate for bound in ADAPTED_RATES)
         self._rate = min(max(self._rate * factor, low), high)
+
+
+def _averaged(share: float, averaged: Tensor, present: Tensor, updates: Tensor | int) -> Tensor:
+    """Average weights over the last tenth of the updates so far, until ``share`` reaches no further back."""
+    kept = min(share, (1.0 + float(updates)) / (10.0 + float(updates)))
+    return averaged.lerp(present, 1.0 - kept)

@@ -19,7 +19,7 @@ from benchmarks.paper.baselines import descend, shield
 from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import decider
-from benchmarks.paper.policies import SEEDS
+from benchmarks.paper.policies import SEEDS, find_policy
 from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
 from benchmarks.paper.statistics import equivalence, summarise, welch
@@ -337,6 +337,13 @@ def test_the_recorded_rows_answer_every_question_of_the_tables(monkeypatch, tmp_
     assert len(rows) == len(asked) == len(read_result(command.RESULTS, list[Row]))
     page = (command.RESULTS.parent / "paper" / "paper.md").read_text()
     assert success_table([row for row in rows if row.episodes == 1000]) in page
+
+
+def test_another_policy_in_a_seeds_place_is_one_clear_line(tmp_path):
+    wrong = tmp_path / "navigation" / "mafpo-chain" / "seed-3"
+    shutil.copytree(POLICIES / "sampling" / "mappo" / "seed-1", wrong)
+    with pytest.raises(ConfigError, match="mappo on sampling with seed 1, not mafpo-chain on navigation"):
+        find_policy(tmp_path, "navigation", "mafpo-chain", 3)
 
 
 def test_a_missing_seed_is_one_clear_line(tmp_path):
