@@ -8,11 +8,12 @@ import numpy as np
 
 from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
-from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import TeamState
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.point import PointAcceleration, PointForce
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.weights import Activation, FlowWeights
 from export.evaluation.outlook import MotionBatch, TeamBatch
 
@@ -28,17 +29,20 @@ MODELS: dict[int, Model] = {
 class Case(msgspec.Struct, frozen=True, kw_only=True):
     """The size of one tick; the defaults are the case that every budget is stated for.
 
-    The number of Euler steps is T, of objectives M, of neighbours K.
+    The number of steps is T, of objectives M, of neighbours K.
     """
 
     layers: tuple[int, ...] = (256, 256, 256)
     observation_dim: int = 32
     action_dim: int = 2
     activation: Activation = "silu"
-    euler_steps: int = 10
+    steps: int = 10
     objectives: int = 2
     neighbours: int = 3
     batch: int = 1
+    sampler: SamplerName = "euler"
+    mode: Mode = "hierarchical"
+    """The default is the paper's, which all contenders can compute."""
 
     @property
     def model(self) -> Model:
@@ -46,8 +50,9 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
         return MODELS[self.action_dim]
 
     def __str__(self) -> str:
-        sizes = f"T={self.euler_steps} M={self.objectives} K={self.neighbours} batch={self.batch}"
-        return f"{len(self.layers)}x{self.layers[0]} {self.activation} {sizes}"
+        sizes = f"T={self.steps} M={self.objectives} K={self.neighbours} batch={self.batch}"
+        way = f" {self.sampler}" * (self.sampler != "euler") + f" {self.mode}" * (self.mode != "hierarchical")
+        return f"{len(self.layers)}x{self.layers[0]} {self.activation} {sizes}{way}"
 
 
 DEFAULT = Case()
@@ -67,10 +72,9 @@ class Workload:
     objectives: tuple[Objective, ...]
 
     def make_guide(self) -> Guide:
-        """The objectives made ready in the paper's mode, the one that all contenders can compute."""
-        return make_guide(
-            ObjectiveSet(self.objectives, GuidanceSettings(mode="hierarchical", scale=0.5)), self.case.model
-        )
+        """The objectives made ready."""
+        guidance = GuidanceSettings(mode=self.case.mode, scale=0.5)
+        return make_guide(ObjectiveSet(self.objectives, guidance), self.case.model)
 
     def team_state(self) -> TeamState:
         """The first robot's view of its team."""

@@ -33,12 +33,14 @@ def _runtime(policy: VelocityField, work: Workload) -> Tick:
 
 def numpy_runtime(work: Workload) -> Tick:
     """The numpy backend."""
-    return _runtime(FlowPolicy(work.weights, work.case.euler_steps, work.case.batch), work)
+    case = work.case
+    return _runtime(FlowPolicy(work.weights, case.steps, case.batch, case.sampler), work)
 
 
 def compiled(work: Workload) -> Tick:
     """The compiled kernel with the whole loop in it where there is one robot."""
-    return _runtime(CompiledPolicy(work.weights, work.case.euler_steps, work.case.batch), work)
+    case = work.case
+    return _runtime(CompiledPolicy(work.weights, case.steps, case.batch, case.sampler), work)
 
 
 class _SteppedPolicy(CompiledPolicy):
@@ -47,7 +49,7 @@ class _SteppedPolicy(CompiledPolicy):
 
 def compiled_step(work: Workload) -> Tick:
     """The compiled kernel with objectives and projections in Python, as an objective of one's own has it."""
-    return _runtime(_SteppedPolicy(work.weights, work.case.euler_steps, work.case.batch), work)
+    return _runtime(_SteppedPolicy(work.weights, work.case.steps, work.case.batch), work)
 
 
 def onnx_step(work: Workload) -> Tick:
@@ -60,7 +62,7 @@ def onnx_step(work: Workload) -> Tick:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.onnx"
         path.write_bytes(with_jacobian(velocity_graph(work.weights)).SerializeToString())
-        policy = OnnxPolicy(path, case.action_dim, case.observation_dim, case.euler_steps, case.batch)
+        policy = OnnxPolicy(path, case.action_dim, case.observation_dim, case.steps, case.batch)
     return _runtime(policy, work)
 
 
@@ -93,7 +95,7 @@ def eager(work: Workload) -> Tick:
     torch.set_num_threads(1)
     network, costs, factors = VelocityNetwork(work.weights), make_costs(work), work.make_guide().factors
     observation, start = torch.from_numpy(work.observation), torch.from_numpy(work.start).float()
-    return lambda: eager_tick(network, costs, factors, work.case.euler_steps, observation, start).numpy()
+    return lambda: eager_tick(network, costs, factors, work.case.steps, observation, start).numpy()
 
 
 def torch_compile(work: Workload) -> Tick:

@@ -32,7 +32,7 @@ class Growth(msgspec.Struct, frozen=True):
 
 def paper_terms(case: Case) -> int:
     """T (M K + M^2), the paper's count of cost terms and projections."""
-    return case.euler_steps * case.objectives * (case.neighbours + case.objectives)
+    return case.steps * case.objectives * (case.neighbours + case.objectives)
 
 
 def grow(sweep: Sweep, rows: Sequence[LatencyRow], backends: Sequence[str]) -> list[Growth]:
@@ -40,7 +40,7 @@ def grow(sweep: Sweep, rows: Sequence[LatencyRow], backends: Sequence[str]) -> l
     found = {(row.backend, row.layers, row.T, row.M, row.K, row.batch): row.best_us for row in rows}
 
     def best_us(backend: str, case: Case) -> float:
-        return found[backend, case.layers, case.euler_steps, case.objectives, case.neighbours, case.batch]
+        return found[backend, case.layers, case.steps, case.objectives, case.neighbours, case.batch]
 
     return [
         Growth(sweep, backend, tuple(best_us(backend, sweep.make(value)) for value in sweep.values))

@@ -7,7 +7,17 @@ from pathlib import Path
 from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import add_html_flag, check_writable, make_page, write_page
-from benchmarks.latency import actions, footprint, limit, loop, machine, orin_nano, paced, sixteen_bits
+from benchmarks.latency import (
+    actions,
+    footprint,
+    limit,
+    loop,
+    machine,
+    orin_nano,
+    paced,
+    samplers,
+    sixteen_bits,
+)
 from benchmarks.latency import latency_page as page
 from benchmarks.latency.budgets import Budget, BudgetVerdict, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
@@ -32,6 +42,11 @@ def main(arguments: Sequence[str]) -> int:
         text, quiet = loop.measure(short=flags.short)
         print(text)
         return 0 if quiet else 3
+    if flags.samplers:
+        rows, noise = _samplers()
+        if flags.json:
+            write_result(flags.json, rows)
+        return 3 if noise else 0
     if flags.actions or flags.jetson or flags.sixteen_bits:
         for line in _small_part(flags):
             print(line)
@@ -61,6 +76,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
     parser.add_argument("--loop", action="store_true", help="the real loop from pose to command only")
     parser.add_argument("--actions", action="store_true", help="two, three and four action components only")
+    parser.add_argument("--samplers", action="store_true", help="samplers, their steps and modes only")
     parser.add_argument("--jetson", action="store_true", help="the estimate for a Jetson Orin Nano only")
     parser.add_argument(
         "--sixteen-bits", action="store_true", help="what weights of sixteen bits would bring only"
@@ -105,6 +121,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     timings, default, noise = _quiet_case(DEFAULT, list(CONTENDERS), rounds=30, slot_s=0.25)
     verdicts = judge(load_budgets(), timings)
     _, small, small_noise = _quiet_case(SMALL, list(CONTENDERS), rounds=15, slot_s=0.1)
+    sampled, sampled_noise = _samplers()
     swept = [_quiet_case(case, SWEPT, rounds=5, slot_s=0.08) for case in _cases()]
     rows = [row for _, rows, _ in swept for row in rows]
     swept_noise = [reason for _, _, reasons in swept for reason in reasons]
@@ -114,11 +131,19 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     driven_noise = [] if quiet else ["the real loop: its machine was disturbed, or a run failed"]
     result = page.Result(
         machine=machine_now,
-        noise=[*noise, *small_noise, *swept_noise, *machine.wake_noise(machine_now), *driven_noise],
+        noise=[
+            *noise,
+            *small_noise,
+            *sampled_noise,
+            *swept_noise,
+            *machine.wake_noise(machine_now),
+            *driven_noise,
+        ],
         default=default,
         loop=driven,
         verdicts=verdicts,
         small=small,
+        sampled=sampled,
         growths=growths,
         paced=[row for row in outcomes if isinstance(row, LatencyRow)],
         refusals=sorted({text for text in outcomes if isinstance(text, str)}),
@@ -133,7 +158,20 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     if html:
         write_page(make_page(text, out), html)
     print(text)
-    return [*default, *small, *rows, *result.paced], _exit_code(verdicts, result.noise)
+    return [*default, *small, *sampled, *rows, *result.paced], _exit_code(verdicts, result.noise)
+
+
+def _samplers() -> tuple[list[LatencyRow], list[str]]:
+    """Rows of samplers and modes, and why they must not be believed."""
+    for _ in range(ATTEMPTS):
+        rows, timings = samplers.measure()
+        noise = machine.noise(timings)
+        if not noise:
+            break
+    print(page.render_samplers(rows))
+    for reason in noise:
+        print(f"INVALID, the machine is not quiet: {reason}")
+    return rows, [f"samplers: {reason}" for reason in noise]
 
 
 def _exit_code(verdicts: Sequence[BudgetVerdict], noise: Sequence[str]) -> int:

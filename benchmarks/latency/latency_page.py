@@ -23,6 +23,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     verdicts: list[BudgetVerdict]
     small: list[LatencyRow]
     """The 2x128 network."""
+    sampled: list[LatencyRow]
+    """Samplers, their steps and modes, see `benchmarks.latency.samplers`."""
     growths: list[list[Growth]]
     """Of each sweep, every backend."""
     paced: list[LatencyRow]
@@ -47,6 +49,8 @@ def render(result: Result) -> str:
         _bullets(result.verdicts),
         "## 2x128 SiLU",
         _rows(result.small),
+        "## Samplers: at equal T, and at equal success in the steps of the packaged policies",
+        render_samplers(result.sampled),
         "## Start of the process to the first action",
         _footprints(result.footprints),
         "## In a loop that sleeps between deadlines",
@@ -59,6 +63,13 @@ def render(result: Result) -> str:
         *(_growth(index, growths) for index, growths in enumerate(result.growths)),
         *(("## Estimate for one core of a Jetson Orin Nano", result.estimate) if result.estimate else ()),
     )
+
+
+def render_samplers(rows: Sequence[LatencyRow]) -> str:
+    """The table of samplers, their steps and modes; ratios are to eager PyTorch's row."""
+    header = ["backend", "sampler", "T", "mode", "median µs", "best round", "p99", "p99.9", "times eager"]
+    lines = [[row.backend, row.sampler, str(row.T), row.mode, *_durations(row), _ratio(row)] for row in rows]
+    return table(header, lines)
 
 
 def render_short(

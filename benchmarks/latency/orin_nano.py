@@ -50,7 +50,7 @@ def estimate(case: Case = DEFAULT) -> Estimate:
     """
     rows = 1 + case.action_dim
     cycles = _cycles_an_input(inner_loop(assembly(), rows), rows)
-    inputs = case.euler_steps * sum(a * -(-b // (LANES * COLUMNS)) for a, b in pairwise(case.layers))
+    inputs = case.steps * sum(a * -(-b // (LANES * COLUMNS)) for a, b in pairwise(case.layers))
     return Estimate(cycles, 1e6 * inputs * cycles / CLOCK_HZ, 1e6 * weight_bytes(case) / CACHE_BYTES_S)
 
 

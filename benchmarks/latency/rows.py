@@ -25,6 +25,8 @@ class LatencyRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """SCHED_FIFO and locked memory; only in paced rows."""
     early_wake: bool = False
     """A throw-away tick before each; only in paced rows."""
+    sampler: str = "euler"
+    mode: str = "hierarchical"
     median_us: float
     best_us: float
     """Median of the best round."""
@@ -37,6 +39,7 @@ class LatencyRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def key(self) -> tuple[object, ...]:
         """What two runs' rows are matched by."""
         sizes = (self.layers, self.observation_dim, self.action_dim, self.T, self.M, self.K, self.batch)
+        sizes += (self.sampler, self.mode)
         return (self.backend, *sizes, self.paced_hz, self.realtime, self.early_wake)
 
     @property
@@ -55,10 +58,12 @@ def make_row(
         layers=case.layers,
         observation_dim=case.observation_dim,
         action_dim=case.action_dim,
-        T=case.euler_steps,
+        T=case.steps,
         M=case.objectives,
         K=case.neighbours,
         batch=case.batch,
+        sampler=case.sampler,
+        mode=case.mode,
         median_us=timing.median_us,
         best_us=timing.best_us,
         p99_us=timing.percentile_us(99.0),
@@ -77,7 +82,8 @@ def compare(old: Sequence[LatencyRow], new: Sequence[LatencyRow]) -> list[str]:
     """One line for each row that both runs have: how the best round's tick changed."""
     before = {row.key: row.best_us for row in old}
     return [
-        f"{row.backend} {row.layers} T={row.T} M={row.M} K={row.K} batch={row.batch} {row.paced_hz:g} Hz: "
+        f"{row.backend} {row.layers} {row.sampler} {row.mode} T={row.T} M={row.M} K={row.K} "
+        f"batch={row.batch} {row.paced_hz:g} Hz: "
         f"{before[row.key]:.1f} -> {row.best_us:.1f} us ({row.best_us / before[row.key] - 1:+.1%})"
         for row in new
         if row.key in before

@@ -20,7 +20,7 @@ class Sweep(msgspec.Struct, frozen=True):
 
 
 SWEEPS = (
-    Sweep("Euler steps T", "T", (1, 2, 5, 10, 15, 20), lambda T: Case(euler_steps=T)),  # noqa: N803
+    Sweep("steps T", "T", (1, 2, 5, 10, 15, 20), lambda T: Case(steps=T)),  # noqa: N803
     Sweep("objectives M", "M", tuple(range(1, 9)), lambda M: Case(objectives=M)),  # noqa: N803
     Sweep("neighbours K", "K", (0, 3, 7, 31), lambda K: Case(neighbours=K)),  # noqa: N803
     Sweep("batch (team of 8, S = 16 samples, team of 64)", "B", (1, 8, 16, 64), lambda B: Case(batch=B)),  # noqa: N803

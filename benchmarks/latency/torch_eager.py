@@ -100,18 +100,18 @@ def eager_tick(
     network: VelocityNetwork,
     costs: list[Cost],
     factors: tuple[float, ...],
-    euler_steps: int,
+    steps: int,
     observation: Tensor,
     start: Tensor,
 ) -> Tensor:
     """T steps with one backward pass per objective and step: (B, O), (B, d) -> (B, d)."""
     action = start
-    for k in range(euler_steps):
-        tau = torch.full((len(action), 1), k / euler_steps)
+    for k in range(steps):
+        tau = torch.full((len(action), 1), k / steps)
         action = action.detach().requires_grad_(True)
         velocity = network(action, tau, observation)
         estimate = action + (1 - tau) * velocity
         directions = [-torch.autograd.grad(cost(estimate), action, retain_graph=True)[0] for cost in costs]
         velocity = velocity.detach()
-        action = action.detach() + (velocity + hierarchical(directions, factors, velocity)) / euler_steps
+        action = action.detach() + (velocity + hierarchical(directions, factors, velocity)) / steps
     return action

@@ -96,18 +96,18 @@ class FusedTick(nn.Module):
     def __init__(self, workload: Workload) -> None:
         super().__init__()
         self.field, self.objectives = Field(workload.weights), Objectives(workload)
-        self.euler_steps = workload.case.euler_steps
+        self.steps = workload.case.steps
 
     def forward(self, observation: Tensor, start: Tensor) -> Tensor:
         """(B, O), (B, d) -> (B, d)."""
         action = start
-        for k in range(self.euler_steps):
-            left = 1 - k / self.euler_steps
-            velocity, tangents = self.field.with_tangents(action, k / self.euler_steps, observation)
+        for k in range(self.steps):
+            left = 1 - k / self.steps
+            velocity, tangents = self.field.with_tangents(action, k / self.steps, observation)
             directions = [
                 -gradient - left * torch.einsum("jbi,bi->bj", tangents, gradient)
                 for gradient in self.objectives.gradients(action + left * velocity)
             ]
             guidance = hierarchical(directions, self.objectives.factors, velocity)
-            action = action + (velocity + guidance) / self.euler_steps
+            action = action + (velocity + guidance) / self.steps
         return action

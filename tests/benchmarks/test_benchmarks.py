@@ -4,23 +4,24 @@ import json
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from networks import ENGINES, needs_kernel
 
 from benchmarks import __main__ as entry
 from benchmarks.common.result_file import read_result, write_result
-from benchmarks.latency import budgets, limit, machine, paced
+from benchmarks.latency import budgets, limit, machine, paced, samplers
 from benchmarks.latency import latency_command as command
 from benchmarks.latency.budgets import Budget, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
 from benchmarks.latency.contenders import CONTENDERS, prepare
 from benchmarks.latency.growth import grow, paper_terms
-from benchmarks.latency.latency_page import Footprint, Result, render
+from benchmarks.latency.latency_page import Footprint, Result, render, render_samplers
 from benchmarks.latency.measure import Slot, Timing, interleave, stolen_share
 from benchmarks.latency.rows import LatencyRow, compare, make_row
 from benchmarks.latency.sweeps import Sweep
 from edge_runtime.errors import ConfigError, PolicyError
 
-TINY = Case(layers=(16, 16), observation_dim=5, euler_steps=3)
+TINY = Case(layers=(16, 16), observation_dim=5, steps=3)
 ROW_KEYS = {
     "backend", "layers", "observation_dim", "action_dim", "T", "M", "K", "batch", "paced_hz",
     "median_us", "best_us", "p99_us", "p99_9_us", "ratio_to_eager",
@@ -36,13 +37,31 @@ def timing(*rounds):
 @pytest.mark.parametrize(
     "case",
     [
-        Case(layers=(16, 16), observation_dim=5, euler_steps=3, neighbours=0),
-        Case(layers=(16,), euler_steps=4, batch=3, objectives=3, neighbours=2),
+        Case(layers=(16, 16), observation_dim=5, steps=3, neighbours=0),
+        Case(layers=(16,), steps=4, batch=3, objectives=3, neighbours=2),
     ],
 )
 def test_every_contender_computes_the_same(case):
     pytest.importorskip("torch")
     prepare(workload(case), [name for name in CONTENDERS if name != "torch-compile"])
+
+
+@needs_kernel
+def test_samplers_and_modes_are_timed_beside_the_research_codes_steps():
+    pytest.importorskip("torch")
+    few = replace(TINY, sampler="exponential", mode="correction", steps=2)
+    rows, timings = samplers.measure(2, 0.002, [TINY, few])
+    backends = [*samplers.BACKENDS, "limit"]
+    assert [row.backend for row in rows] == ["eager", *backends, *backends]
+    assert [(row.sampler, row.T, row.mode) for row in rows[3:5]] == [
+        ("euler", 3, "hierarchical"),
+        ("exponential", 2, "correction"),
+    ]
+    assert limit.operations(few) < limit.operations(replace(few, mode="terminal"))
+    assert all(row.ratio_to_eager > 0.0 for row in rows)
+    assert "| compiled | exponential | 2 | correction |" in render_samplers(rows)
+    assert len(timings) == 9
+    assert samplers.cases()[0] == DEFAULT
 
 
 def test_a_contender_that_computes_something_else_is_refused(monkeypatch):
@@ -141,7 +160,7 @@ def test_rounds_are_complete_and_interleaved():
 
 
 def test_operations_and_traffic_of_a_network_counted_by_hand():
-    case = Case(layers=(4, 3), observation_dim=5, action_dim=2, euler_steps=7, batch=1)
+    case = Case(layers=(4, 3), observation_dim=5, action_dim=2, steps=7, batch=1)
     first, inner, last = 2 * 2 * 4, 2 * 3 * (4 * 3), 2 * 3 * (3 * 2)
     assert limit.operations(case) == 2 * 5 * 4 + 7 * (first + inner + last)
     assert limit.weight_bytes(case) == 4 * (5 * 4 + 7 * (4 * 2 + 4 * 3 + 3 * 2))
@@ -164,20 +183,20 @@ def test_growth_lists_a_sweep_beside_the_papers_terms():
     (growth,) = grow(sweep, rows, ["numpy"])
     assert growth.microseconds == (10.0, 20.0, 40.0)
     assert (growth.per_unit_us, growth.exponent) == pytest.approx((10.0, 1.0))
-    assert paper_terms(Case(euler_steps=10, objectives=2, neighbours=3)) == 10 * (2 * 3 + 2**2)
+    assert paper_terms(Case(steps=10, objectives=2, neighbours=3)) == 10 * (2 * 3 + 2**2)
 
 
 def test_the_page_marks_a_noisy_run_invalid():
     row = make_row("numpy", DEFAULT, timing([1.0]))
     default = [row] + [make_row(name, DEFAULT, timing([1.0])) for name in ("eager", "compiled", "limit")]
-    sweep = Sweep("T", "T", (1, 2), lambda t: Case(euler_steps=t))
+    sweep = Sweep("T", "T", (1, 2), lambda t: Case(steps=t))
     growths = grow(sweep, [make_row("numpy", sweep.make(t), timing([2.0 * t])) for t in (1, 2)], ["numpy"])
 
     def page(noise, estimate="443 µs"):
         return render(
             Result(
                 machine=machine.describe("avx2", wakes=3), noise=noise, default=default, verdicts=[],
-                small=[row], growths=[growths], paced=[row], refusals=["refused: no right"],
+                small=[row], sampled=[row], growths=[growths], paced=[row], refusals=["refused: no right"],
                 footprints=[Footprint("numpy", 33.0, 120.0)], estimate=estimate,
             )
         )  # fmt: skip

@@ -51,7 +51,7 @@ def test_the_arithmetic_grows_with_the_inputs(monkeypatch, tmp_path):
     analyser.chmod(0o755)
     monkeypatch.setattr(orin_nano, "assembly", lambda: KERNEL)
     monkeypatch.setenv("PATH", str(tmp_path))
-    case = Case(layers=(32, 40), euler_steps=3, action_dim=0)
+    case = Case(layers=(32, 40), steps=3, action_dim=0)
     found = orin_nano.estimate(case)
     assert found.cycles == 2.0
     assert found.arithmetic_us == pytest.approx(3 * 32 * 3 * 2.0 / 1.5e3)
