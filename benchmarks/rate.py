@@ -109,7 +109,7 @@ def drive(seed: int, rate_hz: float, bundle: Bundle, *, guided: bool) -> Episode
         speeds.append(max(math.hypot(*motion.velocity_m_s) for motion in motions))
         nearest.append(apart.min())
         actions.append(command.action)
-        there.append(np.linalg.norm(places - goals, axis=-1).max() <= fleet.team.goal_tolerance_m)
+        there.append(np.linalg.norm(places - goals, axis=-1).max() <= fleet.team.arrival_m)
         hold = round(HOLD_S * rate_hz)
         if len(there) >= hold and all(there[-hold:]):
             break

@@ -89,7 +89,7 @@ def drive(seed: int, bundle: Bundle, asked: ObjectiveSet) -> tuple[bool, bool]:
     for bridge, _ in ticks(mission, EPISODE_S):
         places = [motion.position_m for motion in bridge.plant.motions()]
         away_m = np.linalg.norm(np.subtract(places, goals), axis=-1)
-        held = held + 1 if away_m.max() <= fleet.team.goal_tolerance_m else 0
+        held = held + 1 if away_m.max() <= fleet.team.arrival_m else 0
         if held >= HOLD_S * mission.rate_hz:
             break
     return held >= HOLD_S * mission.rate_hz, bool(bridge.plant.touched)

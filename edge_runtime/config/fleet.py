@@ -37,8 +37,8 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Control rate; the policy's own where None."""
     scale_m: float = 1.0
     """One of the policy's metres, in metres of the robots' world; all else in the file is in the robots'."""
-    goal_tolerance_m: float = 0.1
-    """How near a robot must be to its goal to have reached it."""
+    goal_tolerance_m: float | None = None
+    """How near a robot must be to its goal to have reached it; a tenth of the policy's metre where None."""
     max_state_age_s: float = 0.1
     """An own state older than this stops the robot; may be made stricter, never laxer."""
     slew_per_s: float | None = None
@@ -60,6 +60,11 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self, dict.fromkeys(names, positive))
         check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
         check_bounds(self, {"max_unfamiliar_s": (0.0, GREATEST)})
+
+    @property
+    def arrival_m(self) -> float:
+        """How near to its goal a robot has arrived."""
+        return 0.1 * self.scale_m if self.goal_tolerance_m is None else self.goal_tolerance_m
 
 
 class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

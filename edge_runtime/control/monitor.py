@@ -60,7 +60,7 @@ class Monitor:
         self._goals = {robot.id: robot.goal_m for robot in fleet.robots if robot.goal_m}
         self.objects = {each.name: math.inf for each in fleet.tracked if each.goal_m}
         """How far each tracked object that has a goal is from it, in m; infinite before it was seen."""
-        self._tolerance_m = fleet.team.goal_tolerance_m
+        self._tolerance_m = fleet.team.arrival_m
         self._hold_ticks, self._held = hold_ticks, 0
         self._total_steps = total_steps
 

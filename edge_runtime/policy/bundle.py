@@ -93,7 +93,9 @@ def load_bundle(directory: Path) -> Bundle:
         BundleError: names the file and key that is missing, damaged or does not fit.
     """
     if not os.path.isdir(directory):  # noqa: PTH112  # pathlib's raises for names that are too long
-        raise BundleError(f"{directory}: no such bundle directory; edge-export writes one")
+        raise BundleError(
+            f"{directory}: no such bundle directory; edge-export writes one, --task takes a packaged one"
+        )
     path = directory / MANIFEST_FILE
     encoded = _read(path, LARGEST_MANIFEST)
     if _read(directory / DIGEST_FILE, LARGEST_MANIFEST) != digest_line(encoded):

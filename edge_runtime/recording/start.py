@@ -104,7 +104,7 @@ def _fleet(mission: Mission) -> FleetIdentity:
     return FleetIdentity(
         str(fleet.path.resolve()),
         hashlib.sha256(fleet.path.read_bytes()).hexdigest(),
-        fleet.team.goal_tolerance_m,
+        fleet.team.arrival_m,
         tuple(RobotPlace(robot.id, robot.start_m, robot.goal_m) for robot in fleet.robots),
         tuple(ObjectPlace(each.name, each.radius_m, each.goal_m) for each in fleet.tracked),
     )

@@ -77,10 +77,10 @@ def drive(bundle, folder, objectives=None, seed=0):
             fastest = max(fastest, *(math.hypot(*state.velocity_m_s) for state in states))
             highest = max(highest, *(place[-1] for place in places))
             away = max(map(math.dist, places, ends))
-            if away <= fleet.team.goal_tolerance_m:
+            if away <= fleet.team.arrival_m:
                 break
     headings = tuple(state.heading_rad for state in states)
-    return Driven(away <= fleet.team.goal_tolerance_m, closest, fastest, highest, headings)
+    return Driven(away <= fleet.team.arrival_m, closest, fastest, highest, headings)
 
 
 @pytest.mark.parametrize("name", POLICIES)

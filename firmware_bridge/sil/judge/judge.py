@@ -63,7 +63,7 @@ def judge(scenario: Scenario, recording: Recording) -> SilReport:
         disturbed=disturbances(machine, scenario.limits.machine),
         verdict="passed",
         objects=tuple(
-            ObjectQuality(name, away_m, away_m <= scenario.fleet.team.goal_tolerance_m)
+            ObjectQuality(name, away_m, away_m <= scenario.fleet.team.arrival_m)
             for name, away_m in recording.world.objects.items()
         ),
     )
@@ -96,8 +96,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         objective_violations_share=outcome.violated_s / (recording.end_s - recording.t0_s),
         collisions=outcome.collisions,
         goals_reached=int(
-            outcome.goal_distance_m is not None
-            and outcome.goal_distance_m <= scenario.fleet.team.goal_tolerance_m
+            outcome.goal_distance_m is not None and outcome.goal_distance_m <= scenario.fleet.team.arrival_m
         ),
         cpu_cores=sum(cost.cpu_cores for cost in own),
         memory_mib=sum(cost.memory_mib for cost in own),

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import force_setattr, replace
 
-from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.fleet import Team, load_fleet
 from edge_runtime.control.mission import Mission, adapted
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import ObjectiveSet
@@ -17,10 +17,9 @@ from edge_runtime.objectives import ObstacleMargin, SafetyMargin, SpeedLimit
 from edge_runtime.policy.bundle import packaged_bundle
 from firmware_bridge.simulation.bridge import open_bridge
 
-LENGTHS = ("start_m", "goal_m", "centre_m", "velocity_m_s", "radius_m", "goal_tolerance_m")
+LENGTHS = ("start_m", "goal_m", "centre_m", "velocity_m_s", "radius_m")
 FLEET = """\
 [team]
-goal_tolerance_m = 0.1
 
 [[robots]]
 id = 0
@@ -103,6 +102,12 @@ def test_objectives_and_commands_stay_in_the_robots_own_metres(tmp_path):
     fast = drive(tmp_path, 4.0, 60)
     speeds = np.hypot(*fast[:, -2:].T) * 4.0
     assert 0.3 < speeds.max() <= 1.2 + 1e-6
+
+
+def test_a_larger_robot_has_arrived_from_further_away():
+    assert Team().arrival_m == 0.1
+    assert Team(scale_m=6.0).arrival_m == pytest.approx(0.6)
+    assert Team(scale_m=6.0, goal_tolerance_m=0.2).arrival_m == 0.2
 
 
 @pytest.mark.parametrize("scale", ["0.0", "-1.0", "nan", '"2 m"', "1e9"])
