@@ -35,16 +35,13 @@ from edge_runtime.common.vectors import descent, dot, plus
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
 from edge_runtime.guidance.projection import COMBINE, cone, harmonize, project_onto_nominal, weighted_sum
+from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope
 from edge_runtime.messages import GuidedAction, TeamState, Vector
-from edge_runtime.motion.outlook import Outlook, look_ahead
+from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.velocity_field import VelocityField
 
-PREFERENCE_STEPS = 5
-PREFERENCE_RATE = 0.5
-"""Preferences correct a finished action by so many steps of this share of a Newton step each: several
-preferences settle on a compromise, where one step of each would overshoot."""
 TINY = 1e-300
 """Keeps a length of zero from dividing."""
 
@@ -82,20 +79,12 @@ def guided_action(
         return GuidedAction(rest, 0, fault="the observation is not finite", correction=rest)
     policy.observe(observation)
     obstacles = guide.sensor.obstacles(team) if guide.sensor else ()
-    outlooks = [
-        look_ahead(team, preview, obstacles, horizon_s, sees_team)
-        for preview, horizon_s, sees_team in zip(
-            guide.previews, guide.horizons_s, guide.sees_team, strict=True
-        )
-    ]
-    sampler, total = policy.sampler, len(policy.schedule)
     start = rest if start is None else start
-    most_steps = total if most_steps is None else most_steps
-    if sampler is not None and sampler.knows(guide.projection, guide.kernel_terms if guide.steers else ()):
-        sampled = native_flow(sampler, outlooks, guide, start, deadline_s, total, most_steps)
-    else:
-        sampled = _flow(policy, outlooks, guide, start, deadline_s, most_steps)
-    sampled = _usable(sampled)
+    most_steps = len(policy.schedule) if most_steps is None else most_steps
+    if policy.sampler is not None and policy.sampler.knows(guide.steering):
+        return _usable(native_flow(policy.sampler, team, obstacles, guide, start, deadline_s, most_steps))
+    outlooks = [guide.outlook(place, team, obstacles) for place in range(len(guide.objectives))]
+    sampled = _usable(_flow(policy, outlooks, guide, start, deadline_s, most_steps))
     return _usable(_corrected(sampled, outlooks, guide)) if guide.corrected and not sampled.fault else sampled
 
 

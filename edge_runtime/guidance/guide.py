@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,13 +11,16 @@ import msgspec
 
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.projection import Projection
-from edge_runtime.guidance.settings import Mode, ObjectiveSet
-from edge_runtime.motion.linear import Row, constant_gains
+from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, Mode, ObjectiveSet
+from edge_runtime.messages import TeamState, Vector2
+from edge_runtime.motion.linear import in_numbers
 from edge_runtime.motion.model import Model
+from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.motion.prediction import Preview
 from edge_runtime.motion.range_sensor import RangeSensor
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.policy.manifest import FlowStart, Manifest
+from edge_runtime.policy.velocity_field import PYTHON, Steering, Term
 
 PROJECTIONS: Final[dict[Mode, Projection]] = {
     "none": "none",
@@ -47,10 +51,10 @@ class Guide(msgspec.Struct, frozen=True):
     """(M,): whether it is shown the teammates."""
     factors: tuple[float, ...]
     """(M,): eta lambda_m."""
-    kernel_terms: tuple[str, ...]
-    """(M,): what the compiled kernel calls each cost; empty for one that is computed in Python."""
-    kernel_heads: tuple[Row, ...]
-    """(M,): the head of an `edge_runtime.policy.velocity_field.Term`."""
+    steering: Steering
+    """All of it in plain numbers, for policies that take a flow's steps at once."""
+    tracked: tuple[str, ...]
+    """Names of the tracked objects that the steering's terms know by their places here."""
     projection: Projection
     """How conflicts are resolved along the flow."""
     steers: bool
@@ -69,6 +73,11 @@ class Guide(msgspec.Struct, frozen=True):
     """By which readings are told from teammates; None where no objective is to see obstacles."""
     version: int = 0
     """0 is what the robot was started with; each set that the team agrees on has a higher one."""
+
+    def outlook(self, place: int, team: TeamState, obstacles: tuple[Vector2, ...]) -> Outlook:
+        """What the objective at this place sees in one tick."""
+        ahead = self.previews[place], obstacles, self.horizons_s[place], self.sees_team[place]
+        return look_ahead(team, *ahead)
 
 
 def make_guide(
@@ -99,25 +108,26 @@ def make_guide(
     corrected = settings.mode in ("terminal", "correction") and bool(active)
     places = range(len(active) if corrected else 0)
     previews = tuple(model.preview(objective.look_ahead) for objective in active)
-    gains = tuple(constant_gains(view, each.of) for view, each in zip(previews, active, strict=True))
+    horizons_s = tuple(objective.look_ahead * model.dt_s for objective in active)
+    tracked = tuple(dict.fromkeys(name for each in active for name in each.looks_at))
+    projection, steers = PROJECTIONS[settings.mode], settings.mode != "correction" and bool(active)
+    terms = tuple(
+        _term(each, preview, horizon_s, settings.scale, tracked)
+        for each, preview, horizon_s in zip(active, previews, horizons_s, strict=True)
+    )
+    rounds = PREFERENCE_STEPS if corrected else -1
     return Guide(
         asked=asked,
         objectives=active,
         previews=previews,
-        horizons_s=tuple(objective.look_ahead * model.dt_s for objective in active),
-        # A subclass may cost something else: what its parent states does not count, here and below.
+        horizons_s=horizons_s,
+        # A subclass may cost something else: what its parent states does not count.
         sees_team=tuple(vars(type(each)).get("sees_team", True) for each in active),
         factors=tuple(settings.scale * objective.weight for objective in active),
-        kernel_terms=tuple(
-            vars(type(each)).get("kernel_term", "") if gain else ""
-            for each, gain in zip(active, gains, strict=True)
-        ),
-        kernel_heads=tuple(
-            (settings.scale * each.weight, float(model.dims), *gain)
-            for each, gain in zip(active, gains, strict=True)
-        ),
-        projection=PROJECTIONS[settings.mode],
-        steers=settings.mode != "correction" and bool(active),
+        steering=Steering(projection, steers, terms, model.dims, rounds, PREFERENCE_RATE, settings.reach),
+        tracked=tracked,
+        projection=projection,
+        steers=steers,
         corrected=corrected,
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),
@@ -125,6 +135,18 @@ def make_guide(
         digest=digest_of(followed),
         sensor=sensor if model.dims == 2 else None,
     )
+
+
+def _term(
+    objective: Objective, preview: Preview, horizon_s: float, scale: float, tracked: Sequence[str]
+) -> Term:
+    """An objective in plain numbers; one that those cannot state is computed in Python."""
+    weight, motion = objective.weight, in_numbers(preview)
+    if not motion or type(objective) not in BUILT_IN:
+        return Term(PYTHON, scale * weight, weight, objective.preference, horizon_s, (), ())
+    seen = tuple(float(tracked.index(name)) for name in objective.looks_at)
+    numbers = (*objective.kernel_numbers(), *seen)
+    return Term(objective.name, scale * weight, weight, objective.preference, horizon_s, motion, numbers)
 
 
 def check_objectives(asked: ObjectiveSet, model: Model, source: str = "") -> None:

@@ -6,12 +6,17 @@ knows it by.
 """
 
 import math
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
+
+PREFERENCE_STEPS: Final = 5
+PREFERENCE_RATE: Final = 0.5
+"""Preferences correct a finished action by so many steps of this share of a Newton step each: several
+preferences settle on a compromise, where one step of each would overshoot."""
 
 Mode = Literal["none", "hierarchical", "cone", "terminal", "correction"]
 """``terminal`` is ``hierarchical`` with the correction at tau = 1, ``correction`` that correction of a flow

@@ -2,7 +2,6 @@
 
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import TeamState, Vector
-from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import BUILT_IN
 from edge_runtime.objectives.gradient_check import compare_slope
 
@@ -24,6 +23,5 @@ class SlopeCheck:
             return
         self._turn += 1
         place = own[self._turn % len(own)]
-        ahead = guide.previews[place], guide.sensor.obstacles(team) if guide.sensor else ()
-        outlook = look_ahead(team, *ahead, guide.horizons_s[place])
+        outlook = guide.outlook(place, team, guide.sensor.obstacles(team) if guide.sensor else ())
         compare_slope(guide.objectives[place], outlook, action)

@@ -34,18 +34,6 @@ def action_slope(objective: Objective, outlook: Outlook, action: Sequence[float]
     return cost, gradient
 
 
-def encoded(objective: Objective, outlook: Outlook) -> Sequence[float]:
-    """The numbers of which a policy's sampler computes the cost.
-
-    Raises:
-        ObjectiveError: names the objective and what it raised.
-    """
-    try:
-        return objective.encode(outlook)
-    except BaseException as error:  # one of the user's own may raise anything
-        raise _raised(objective, error) from error
-
-
 def not_finite(objective: Objective) -> ObjectiveError:
     """An objective without a finite cost and gradient."""
     return ObjectiveError(f"the gradient of {objective.name} is not finite")

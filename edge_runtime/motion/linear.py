@@ -97,18 +97,22 @@ def _greatest(rows: Sequence[Row]) -> float:
     return float(np.linalg.norm(np.array(rows), 2))
 
 
-def constant_gains(preview: Preview, of: str) -> Row:
-    """What an action does to the predicted ``position`` or ``velocity``, whatever the state.
+def in_numbers(preview: Preview) -> Row:
+    """A linear preview in plain numbers; empty for another one.
 
     Returns:
-        The greatest gain, then the Jacobian (dims, d) in units of it, row by row; nothing where the Jacobian
-        is not constant, or ``of`` something else.
+        The gains of position and velocity, then for x, y and in space z: the decays of position and velocity,
+        and what each of d action components adds to them.
     """
-    if not (isinstance(preview, LinearPreview | PlanarPreview) and of):
+    if not isinstance(preview, LinearPreview | PlanarPreview):
         return ()
-    gain = preview.position_gain if of == "position" else preview.velocity_gain
-    places = ((0, 1, 4) if of == "position" else (2, 3, 5))[: preview.dims]
-    return (gain, *(column[place] / gain for place in places for column in preview.columns))
+    numbers = [preview.position_gain, preview.velocity_gain]
+    for axis, (place, speed) in enumerate(((0, 2), (1, 3), (4, 5))[: preview.dims]):
+        of = preview if isinstance(preview, PlanarPreview) else preview.axes[axis]
+        numbers += (of.position_decay, of.velocity_decay)
+        numbers += [column[place] for column in preview.columns]
+        numbers += [column[speed] for column in preview.columns]
+    return tuple(numbers)
 
 
 class LinearPreview(msgspec.Struct, frozen=True, gc=False):

@@ -79,11 +79,11 @@ def look_ahead(
         for mate in (team.teammates + team.silent if sees_team else ())
     ]
     dims = preview.dims
-    tracked = tuple([_later(each, horizon_s, dims) for each in team.tracked]) if team.tracked else ()
+    tracked = tuple([later(each, horizon_s, dims) for each in team.tracked]) if team.tracked else ()
     return Outlook(own.robot_id, preview, preview.forecast(own), tuple(neighbours), obstacles, tracked)
 
 
-def _later(each: TrackedObject, after_s: float, dims: int) -> TrackedMotion:
+def later(each: TrackedObject, after_s: float, dims: int) -> TrackedMotion:
     """Where it will be; for robots of the plane it has no height."""
     (x, y, *up), (vx, vy, *rise) = each.position_m, each.velocity_m_s
     z, vz = (up[0], rise[0]) if dims == 3 and up and rise else (0.0, 0.0)

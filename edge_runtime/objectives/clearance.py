@@ -1,9 +1,10 @@
 """The cost of being too near to points, and the base of the objectives that have it."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
@@ -32,9 +33,9 @@ class Clearance(Objective, frozen=True, kw_only=True):
         """Cost and slope at one robot's predicted motion."""
         return keep_clear(motion, self.points(outlook), self.distance_m + self.buffer_m, outlook)
 
-    def encode(self, outlook: Outlook) -> Sequence[float]:
-        """See `encode_clear`: to the kernel all points are neighbours."""
-        return encode_clear(self.points(outlook), self.distance_m + self.buffer_m, outlook)
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.distance_m + self.buffer_m,)
 
 
 def keep_clear(
@@ -61,19 +62,6 @@ def keep_clear(
             d_y -= push * dy
             d_z -= push * dz
     return Slope(cost, d_x, d_y, 0.0, 0.0, d_z)
-
-
-def encode_clear(points: Iterable[Neighbour], keep_m: float, outlook: Outlook) -> Sequence[float]:
-    """The kernel's numbers: the distance, the position without action, and each point.
-
-    A point is its position, and the direction along x in which to leave it if the positions coincide.
-    """
-    dims, own = outlook.preview.dims, outlook.robot_id
-    numbers = [keep_m, *outlook.drift.position_m(dims)]
-    for point in points:
-        side = math.copysign(1.0, own - point.robot_id)
-        numbers += (point.x, point.y, side) if dims == 2 else (point.x, point.y, point.z, side)
-    return numbers
 
 
 def standing(x: float, y: float, z: float, outlook: Outlook) -> Neighbour:

@@ -3,6 +3,7 @@
 import math
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
@@ -61,3 +62,7 @@ class Clustering(Objective, frozen=True, kw_only=True, tag="clustering"):
             for own, outward in ((own_x, sum_x), (own_y, sum_y), (own_z, sum_z))
         )
         return Slope(0.5 * cure * cure, d_x, d_y, 0.0, 0.0, d_z)
+
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.radius_m, COINCIDENT_M)

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from edge_runtime.messages import Place
+from edge_runtime.messages import Place, Vector
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
@@ -42,3 +42,7 @@ class Geofence(Objective, frozen=True, kw_only=True, tag="geofence"):
         if len(self.centre_m) > model.dims:
             return "its centre_m has a height, and the robot moves in the plane"
         return super().refuses(model)
+
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.radius_m + self.buffer_m, *self.centre_m)

@@ -7,13 +7,13 @@ the same to all of them.
 """
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple
 
 import msgspec
 
 from edge_runtime.common.bounds import GREATEST, check_bounds
 from edge_runtime.common.units import unit_of
+from edge_runtime.messages import Vector
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
@@ -51,11 +51,9 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     preference: ClassVar[bool] = False
     """Whether this is a wish and no requirement: it moves actions by `GuidanceSettings.reach` at most, and
     yields to what is required."""
-    kernel_term: ClassVar[str] = ""
-    """The compiled kernel's name of this very cost, which then needs no Python in the loop; see `encode`. It
-    counts only where the class itself states it: a subclass has a cost of its own."""
     sees_team: ClassVar[bool] = True
-    """Whether it looks at `Outlook.neighbours`, which are left out otherwise; counts as ``kernel_term``."""
+    """Whether it looks at `Outlook.neighbours`, which are left out otherwise. It counts only where the class
+    itself states it: a subclass has a cost of its own."""
     of: ClassVar[Quantity] = ""
     """Of what its cost is, divided by the motion model's gain of it; empty for another cost."""
     weight: float = 1.0
@@ -120,6 +118,9 @@ class Objective(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """Cost and slope at one robot's predicted motion."""
         raise NotImplementedError(f"{type(self).__name__} must define evaluate(motion, outlook)")
 
-    def encode(self, outlook: Outlook) -> Sequence[float]:
-        """Numbers of which the kernel's term computes this cost in one tick, as it asks for them."""
-        raise NotImplementedError(f"{type(self).__name__} must define encode(outlook): it has a kernel_term")
+    def kernel_numbers(self) -> Vector:
+        """Numbers of which the compiled kernel computes this very cost; ``_kernel_outlook.h`` says which.
+
+        It knows the objectives of this package by their names; all others are computed in Python.
+        """
+        raise NotImplementedError(f"{type(self).__name__} is computed in Python")

@@ -15,7 +15,6 @@ class ObstacleMargin(Clearance, frozen=True, kw_only=True, tag="obstacle_margin"
     from there to the robot's centre.
     """
 
-    kernel_term: ClassVar[str] = "safety_margin"
     sees_team: ClassVar[bool] = False
 
     @property

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
@@ -70,3 +71,7 @@ class Passing(Objective, frozen=True, kw_only=True, tag="passing"):
         if model.dims == 3:
             return "robots in space pass above and below one another, it parts them along y"
         return super().refuses(model)
+
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.clearance_m, self.pull, self.margin_m, self.reach_m, *map(float, self.order))

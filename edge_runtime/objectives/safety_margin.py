@@ -1,7 +1,6 @@
 """Keep a distance from every neighbour."""
 
 from collections.abc import Iterable
-from typing import ClassVar
 
 from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.objectives.clearance import Clearance
@@ -9,8 +8,6 @@ from edge_runtime.objectives.clearance import Clearance
 
 class SafetyMargin(Clearance, frozen=True, kw_only=True, tag="safety_margin"):
     """Keep a distance between centres from every neighbour: J = 1/2 sum (shortfall / position gain)^2."""
-
-    kernel_term: ClassVar[str] = "safety_margin"
 
     def points(self, outlook: Outlook) -> Iterable[Neighbour]:
         """The neighbours."""

@@ -3,6 +3,7 @@
 import math
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
@@ -38,3 +39,7 @@ class Spacing(Objective, frozen=True, kw_only=True, tag="spacing"):
             dx, distance = math.copysign(1.0, order), 1.0
         push = cure / (gain * distance)
         return Slope(0.5 * cure * cure, -push * dx, -push * dy, 0.0, 0.0, -push * dz)
+
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.distance_m,)

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
@@ -51,3 +52,7 @@ class SpatialOrder(Objective, frozen=True, kw_only=True, tag="spatial_order"):
                     cost += pull * (cure - 0.5 * pull)
                     d_x -= side * pull / gain
         return Slope(cost, d_x)
+
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.gap_m, self.pull, *map(float, self.order))

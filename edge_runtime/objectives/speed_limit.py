@@ -1,9 +1,9 @@
 """Stay at or below a speed."""
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar
 
+from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives.objective import Objective, Quantity, Slope
@@ -12,7 +12,6 @@ from edge_runtime.objectives.objective import Objective, Quantity, Slope
 class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
     """Stay at or below a speed: J = 1/2 (excess / velocity gain)^2."""
 
-    kernel_term: ClassVar[str] = "speed_limit"
     sees_team: ClassVar[bool] = False
     of: ClassVar[Quantity] = "velocity"
     limit_m_s: float
@@ -40,9 +39,6 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
         pull = cure / (outlook.preview.velocity_gain * speed)
         return Slope(0.5 * cure * cure, 0.0, 0.0, pull * vx, pull * vy, 0.0, pull * vz)
 
-    def encode(self, outlook: Outlook) -> Sequence[float]:
-        """The speed at which guidance starts, and the velocity without action."""
-        drift, threshold = outlook.drift, self.limit_m_s - self.buffer_m_s
-        if outlook.preview.dims == 2:
-            return threshold, drift.vx, drift.vy
-        return threshold, drift.vx, drift.vy, drift.vz
+    def kernel_numbers(self) -> Vector:
+        """See `Objective.kernel_numbers`."""
+        return (self.limit_m_s, self.buffer_m_s)

@@ -13,7 +13,6 @@ class TrackedMargin(Clearance, frozen=True, kw_only=True, tag="tracked_margin"):
     It is taken to go on as it moves.
     """
 
-    kernel_term: ClassVar[str] = "safety_margin"
     sees_team: ClassVar[bool] = False
     object: str
     """Its name in the fleet file."""

@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
-#define INTERFACE 4
+#define INTERFACE 5
 
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
@@ -68,6 +68,9 @@ static const Engine *const *engines(void)
 typedef struct {
     PyObject_HEAD Network net;
     Py_buffer action, result; /* the arrays that a step reads and writes, looked up once */
+    void *scratch;            /* of a sample: grows to what the largest needed */
+    size_t scratch_size;
+    bool sampling;
 } NetworkObject;
 
 /* A view of an array's numbers; false with an exception set unless it has that format and size. */
@@ -201,6 +204,7 @@ static void network_dealloc(NetworkObject *self)
     free(net->observed);
     free(net->before);
     free(net->after);
+    free(self->scratch);
     Py_TYPE(self)->tp_free((PyObject *)self);
 }
 
@@ -257,31 +261,6 @@ static PyObject *network_step(NetworkObject *self, PyObject *number)
 
 static PyObject *network_velocity(NetworkObject *self, PyObject *number) { return take_step(self, number, 0); }
 
-/* Reads one term, (kind, count, factor, dims, gain, gains, numbers), from where *next points to, and has *next
- * point behind it; false if there is none. */
-static bool read_term(const double **next, const double *end, int action_dim, Term *term)
-{
-    const double *head = *next;
-    if (end - head < 5 || !(head[0] >= 0.0 && head[0] < KINDS && (head[3] == 2.0 || head[3] == 3.0)))
-        return false;
-    const int dims = (int)head[3], first = 1 + dims, gains = dims * action_dim;
-    const Py_ssize_t left = end - head - 5 - gains;
-    if (!(head[1] >= first && head[1] <= (double)left))
-        return false;
-    *term = (Term){.kind = (Kind)head[0],
-                   .factor = head[2],
-                   .dims = dims,
-                   .gain = head[4],
-                   .gains = head + 5,
-                   .count = (int)head[1],
-                   .numbers = head + 5 + gains};
-    const int each = kinds[term->kind].each, rest = term->count - first;
-    if ((each == 0 ? rest : rest % (each + dims)) != 0)
-        return false;
-    *next = term->numbers + term->count;
-    return true;
-}
-
 /* Reads an action (d,) from a tuple; false with an exception set if it is none. */
 static bool read_action(PyObject *numbers, int action_dim, Vector *action)
 {
@@ -294,50 +273,175 @@ static bool read_action(PyObject *numbers, int action_dim, Vector *action)
     return !PyErr_Occurred();
 }
 
-static PyObject *tuple_of(const double *numbers, int count)
+/* Memory for terms, points and samples of so many robots; false with an exception set if there is none. */
+static bool lay_out(NetworkObject *self, size_t terms, size_t points, Flight *flight, Point **first)
 {
-    PyObject *tuple = PyTuple_New(count);
-    for (int i = 0; tuple != NULL && i < count; i++)
-        PyTuple_SET_ITEM(tuple, i, PyFloat_FromDouble(numbers[i]));
-    return tuple;
+    const size_t samples = sizeof(Sample) * flight->robots, size = samples + sizeof(Term) * terms;
+    const size_t needed = size + sizeof(Point) * points;
+    if (needed > self->scratch_size) {
+        free(self->scratch);
+        self->scratch = malloc(needed);
+        self->scratch_size = self->scratch == NULL ? 0 : needed;
+    }
+    if (self->scratch == NULL) {
+        PyErr_NoMemory();
+        return false;
+    }
+    flight->samples = self->scratch;
+    flight->terms = (Term *)((char *)self->scratch + samples);
+    *first = (Point *)((char *)self->scratch + size);
+    return true;
+}
+
+/* Reads what each robot sees, (robots, size of a view), into terms; samples are all at their start. */
+static bool look(NetworkObject *self, const Sight *sight, PyObject *views, Flight *flight)
+{
+    const Steering *steering = flight->steering;
+    const int d = self->net.action_dim, dims = steering->dims, count = steering->count;
+    const Py_ssize_t size = view_size(d, dims, sight);
+    const size_t most = (size_t)most_points(sight);
+    Point *points;
+    Py_buffer buffer;
+    if (!view(views, "d", size * flight->robots, "views", &buffer))
+        return false;
+    const size_t terms = (size_t)flight->robots * count;
+    const bool enough = lay_out(self, terms, terms * most, flight, &points);
+    for (size_t t = 0; enough && t < terms; t++)
+        flight->terms[t] = outlook(&steering->objectives[t % count], d, dims, sight,
+                                   (double *)buffer.buf + (Py_ssize_t)(t / count) * size, points + t * most);
+    PyBuffer_Release(&buffer);
+    return enough;
+}
+
+/* Reads how to steer; false with an exception set where that does not hold together. */
+static bool read_program(NetworkObject *self, PyObject *program, const Sight *sight, Py_buffer *buffer,
+                         Steering *steering)
+{
+    if (self->net.action_dim > MAX_ACTION || sight->mates < 0 || sight->obstacles < 0 || sight->tracked < 0) {
+        PyErr_Format(PyExc_ValueError, "sample takes up to %d action components, and counts from 0 on",
+                     MAX_ACTION);
+        return false;
+    }
+    if (PyObject_GetBuffer(program, buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
+        return false;
+    int read = -1;
+    if (strcmp(buffer->format, "d") == 0)
+        read = read_steering(buffer->buf, buffer->len / (Py_ssize_t)sizeof(double), self->net.action_dim,
+                             steering);
+    if (read >= 0 && read == steering->count)
+        return true;
+    if (read < 0)
+        PyErr_SetString(PyExc_ValueError, "the program has no head");
+    else
+        PyErr_Format(PyExc_ValueError, "objective %d does not hold what its kind takes", read);
+    PyBuffer_Release(buffer);
+    return false;
+}
+
+/* Samples all robots whose starts stand in the samples; false with an exception set if Python raised. */
+static bool fly(NetworkObject *self, Flight *flight, double left_s, int most_steps)
+{
+    if (self->sampling) {
+        PyErr_SetString(PyExc_ValueError, "an objective samples the policy that it guides");
+        return false;
+    }
+    self->sampling = true;
+    flight->actions = self->action.buf;
+    flight->result = self->result.buf;
+    sample_guided(&self->net, flight, left_s, most_steps);
+    self->sampling = false;
+    return !PyErr_Occurred();
+}
+
+static PyObject *sample_tuple(const Sample *sample, int d, int count)
+{
+    PyObject *conflicts = PyTuple_New(count);
+    for (int m = 0; conflicts != NULL && m < count; m++)
+        PyTuple_SET_ITEM(conflicts, m, PyLong_FromLong(sample->conflicts[m]));
+    return Py_BuildValue("NiiiiNNNN", tuple_of(sample->action.at, d), sample->steps, sample->projections,
+                         sample->fault, sample->opposed, tuple_of(sample->costs, count), conflicts,
+                         tuple_of(sample->correction.at, d), PyBool_FromLong(sample->cut));
 }
 
 static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
 {
-    Network *net = &self->net;
-    PyObject *array, *start;
+    PyObject *program, *views, *start, *own, *sampled = NULL;
     Py_buffer buffer;
-    Term terms[MAX_TERMS];
+    Steering steering;
+    Flight flight = {.steering = &steering, .robots = 1};
+    Sight sight;
     Vector action;
-    int projection, count, most_steps;
+    int most_steps;
     double left_s;
-    if (!PyArg_ParseTuple(arguments, "iiOOdi", &projection, &count, &array, &start, &left_s, &most_steps))
+    if (!PyArg_ParseTuple(arguments, "O(iii)OOdiO", &program, &sight.mates, &sight.obstacles, &sight.tracked,
+                          &views, &start, &left_s, &most_steps, &own))
         return NULL;
-    if (net->batch != 1 || net->action_dim > MAX_ACTION || count < 0 || count > MAX_TERMS ||
-        projection < 0 || projection >= PROJECTIONS)
-        return PyErr_Format(PyExc_ValueError,
-                            "sample takes batch 1, up to %d action components and up to %d terms", MAX_ACTION,
-                            MAX_TERMS);
-    if (!read_action(start, net->action_dim, &action) ||
-        PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) < 0)
+    if (self->net.batch != 1)
+        return PyErr_Format(PyExc_ValueError, "sample takes one robot, sample_batch all of a batch");
+    if (!read_action(start, self->net.action_dim, &action) ||
+        !read_program(self, program, &sight, &buffer, &steering))
         return NULL;
-    const double *next = buffer.buf, *end = next + buffer.len / (Py_ssize_t)sizeof(double);
-    int read = 0;
-    if (strcmp(buffer.format, "d") == 0)
-        while (read < count && read_term(&next, end, net->action_dim, &terms[read]))
-            read++;
-    Sample sample = {0};
-    if (read == count)
-        sample = sample_guided(net, (Projection)projection, terms, count, action, left_s, most_steps);
+    flight.own = own;
+    if (look(self, &sight, views, &flight)) {
+        *flight.samples = (Sample){.action = action, .fault = -1};
+        if (fly(self, &flight, left_s, most_steps))
+            sampled = sample_tuple(flight.samples, self->net.action_dim, steering.count);
+    }
     PyBuffer_Release(&buffer);
-    if (read < count)
-        return PyErr_Format(PyExc_ValueError, "term %d does not hold what its kind takes", read);
-    PyObject *conflicts = PyTuple_New(count);
-    for (int m = 0; conflicts != NULL && m < count; m++)
-        PyTuple_SET_ITEM(conflicts, m, PyLong_FromLong(sample.conflicts[m]));
-    return Py_BuildValue("NiiiiNN", tuple_of(sample.action.at, net->action_dim), sample.steps,
-                         sample.projections, sample.fault, sample.opposed, tuple_of(sample.costs, count),
-                         conflicts);
+    return sampled;
+}
+
+/* Whether all that steers is computed here. */
+static bool needs_no_python(const Steering *steering)
+{
+    for (int m = 0; m < steering->count; m++)
+        if (steering->objectives[m].kind == PYTHON)
+            return false;
+    return true;
+}
+
+/* From the starts in `actions` (B, d) to the samples there; NaN where something was not finite. */
+static bool sample_all(NetworkObject *self, Flight *flight, double *actions)
+{
+    const int d = self->net.action_dim;
+    for (int b = 0; b < flight->robots; b++) {
+        flight->samples[b] = (Sample){.fault = -1};
+        memcpy(flight->samples[b].action.at, actions + (size_t)b * d, sizeof(double) * d);
+    }
+    if (!fly(self, flight, INFINITY, self->net.euler_steps))
+        return false;
+    for (int b = 0; b < flight->robots; b++)
+        for (int i = 0; i < d; i++)
+            actions[(size_t)b * d + i] =
+                flight->samples[b].fault < 0 ? flight->samples[b].action.at[i] : NAN;
+    return true;
+}
+
+static PyObject *network_sample_batch(NetworkObject *self, PyObject *arguments)
+{
+    PyObject *program, *views, *actions;
+    Py_buffer buffer, starts;
+    Steering steering;
+    Flight flight = {.steering = &steering, .robots = self->net.batch};
+    Sight sight;
+    if (!PyArg_ParseTuple(arguments, "O(iii)OO", &program, &sight.mates, &sight.obstacles, &sight.tracked,
+                          &views, &actions) ||
+        !read_program(self, program, &sight, &buffer, &steering))
+        return NULL;
+    bool done = false;
+    if (!needs_no_python(&steering))
+        PyErr_SetString(PyExc_ValueError, "objectives in Python steer one robot, no batch");
+    else if (view(actions, "d", (Py_ssize_t)flight.robots * self->net.action_dim, "actions", &starts)) {
+        if (starts.readonly)
+            PyErr_SetString(PyExc_ValueError, "actions must be writable");
+        else
+            done = look(self, &sight, views, &flight) && sample_all(self, &flight, starts.buf);
+        PyBuffer_Release(&starts);
+    }
+    PyBuffer_Release(&buffer);
+    if (!done)
+        return NULL;
+    Py_RETURN_NONE;
 }
 
 static PyMethodDef network_methods[] = {
@@ -345,9 +449,10 @@ static PyMethodDef network_methods[] = {
     {"step", (PyCFunction)network_step, METH_O, "step(k): reads action (B, d), writes result (B, 1 + d, d)"},
     {"velocity", (PyCFunction)network_velocity, METH_O, "velocity(k): as step, of result the first B d alone"},
     {"sample", (PyCFunction)network_sample, METH_VARARGS,
-     "sample(projection, count, terms, start, left_s, most_steps) -> (action, steps, projections, fault, "
-     "opposed, "
-     "costs, conflicts)"},
+     "sample(program, (mates, obstacles, tracked), views, start, left_s, most_steps, own) -> (action, steps, "
+     "projections, fault, opposed, costs, conflicts, correction, cut)"},
+    {"sample_batch", (PyCFunction)network_sample_batch, METH_VARARGS,
+     "sample_batch(program, (mates, obstacles, tracked), views, actions): actions (B, d) from start to sample"},
     {0}};
 
 static PyTypeObject network_type = {

@@ -6,7 +6,7 @@ and `CompiledPolicy` raises. `edge_runtime.policy.backend` chooses between it an
 
 import importlib
 from array import array
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Final, Protocol
 
 import numpy as np
@@ -16,10 +16,18 @@ from edge_runtime.common.arrays import Array
 from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
 from edge_runtime.policy.flow_steps import SamplerName, Schedule, flow_steps
-from edge_runtime.policy.velocity_field import Sample, Sampler, Term, check_counts, check_observation
+from edge_runtime.policy.velocity_field import (
+    OwnSlope,
+    Sample,
+    Sampler,
+    Sight,
+    Steering,
+    check_counts,
+    check_observation,
+)
 from edge_runtime.policy.weights import FlowWeights
 
-INTERFACE: Final = 4
+INTERFACE: Final = 5
 """Of the kernel that this module was written for; see ``_kernel.c``."""
 
 
@@ -31,20 +39,22 @@ class _Network(Protocol):
     def velocity(self, k: int) -> None: ...
     def sample(
         self,
-        projection: int,
-        count: int,
-        terms: "array[float]",
+        program: "array[float]",
+        sight: Sight,
+        view: "array[float]",
         start: Vector,
         left_s: float,
         most_steps: int,
-    ) -> tuple[Vector, int, int, int, int, tuple[float, ...], tuple[int, ...]]: ...
+        own: OwnSlope,
+    ) -> tuple[Vector, int, int, int, int, Vector, tuple[int, ...], Vector, bool]: ...
+    def sample_batch(self, program: "array[float]", sight: Sight, views: Array, actions: Array) -> None: ...
 
 
 class _Kernel(Protocol):
     """What is used of the extension module."""
 
     TERMS: tuple[str, ...]
-    """Kinds of costs, each at its number."""
+    """Kinds of terms, each at its number."""
     PROJECTIONS: tuple[str, ...]
     """Each at its number."""
     MAX_TERMS: int
@@ -126,6 +136,8 @@ class CompiledPolicy:
         self._kinds = {name: number for number, name in enumerate(kernel.TERMS)}
         self._projections = {name: number for number, name in enumerate(kernel.PROJECTIONS)}
         self._most_terms, self._longest_action = kernel.MAX_TERMS, kernel.MAX_ACTION
+        self._steering: Steering | None = None
+        self._program: array[float] | None = None
         self._action = np.empty((batch, self.action_dim), np.float32)
         result = np.empty((batch, 1 + self.action_dim, self.action_dim), np.float32)
         self._velocity_and_tangents = result.transpose(1, 0, 2)
@@ -159,31 +171,64 @@ class CompiledPolicy:
         """Itself, where the kernel knows how to integrate the flow."""
         return self if self._euler else None
 
-    def knows(self, projection: str, kinds: Collection[str]) -> bool:
-        """Whether the kernel computes these; see `Sampler.knows`."""
-        known = projection in self._projections and len(kinds) <= self._most_terms
-        known = known and self.action_dim <= self._longest_action
-        return known and all(map(self._kinds.__contains__, kinds))
+    def knows(self, steering: Steering) -> bool:
+        """Whether the kernel can guide so; see `Sampler.knows`."""
+        if steering is not self._steering:  # the same in every tick, until others are followed
+            self._steering, self._program = steering, self._programmed(steering)
+        return self._program is not None
+
+    def _programmed(self, steering: Steering) -> "array[float] | None":
+        """The steering as the kernel reads it, or None where it cannot; see ``_kernel_outlook.h``."""
+        terms = steering.terms
+        known = steering.projection in self._projections and len(terms) <= self._most_terms
+        if not (
+            known and self.action_dim <= self._longest_action and {t.kind for t in terms} <= {*self._kinds}
+        ):
+            return None
+        head = (self._projections[steering.projection], steering.steers, len(terms), *steering[3:])
+        program = array("d", head)
+        for kind, *stated, motion, numbers in terms:
+            program.extend((self._kinds[kind], *stated, len(motion), len(numbers), *motion, *numbers))
+        return program
 
     def sample(
-        self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
+        self,
+        steering: Steering,
+        sight: Sight,
+        view: Sequence[float],
+        start: Vector,
+        left_s: float,
+        most_steps: int,
+        own: OwnSlope,
     ) -> Sample:
         """Flow one robot's action through its steps; see `Sampler.sample`.
 
         Raises:
-            PolicyError: if the policy is for several robots, or the action is of another size.
+            PolicyError: if the policy is for several robots, or the steering, the view or the start is not
+                one that the kernel knows.
         """
-        flat: list[float] = []
-        for kind, head, numbers in terms:
-            flat += (self._kinds[kind], len(numbers))
-            flat += head
-            flat += numbers
-        number = self._projections[projection]
+        if not self.knows(steering) or self._program is None:
+            raise PolicyError("the compiled kernel cannot guide so")
         try:
-            sampled = self._network.sample(number, len(terms), array("d", flat), start, left_s, most_steps)
+            sampled = self._network.sample(
+                self._program, sight, array("d", view), start, left_s, most_steps, own
+            )
         except ValueError as error:
             raise PolicyError(f"the compiled kernel cannot sample: {error}") from error
         return Sample(*sampled)
+
+    def sample_batch(self, steering: Steering, sight: Sight, views: Array, actions: Array) -> None:
+        """Flow B robots' actions through all steps; see `Sampler.sample_batch`.
+
+        Raises:
+            PolicyError: if the steering, the views or the actions are not what the kernel knows.
+        """
+        if not self.knows(steering) or self._program is None:
+            raise PolicyError("the compiled kernel cannot guide so")
+        try:
+            self._network.sample_batch(self._program, sight, views, actions)
+        except ValueError as error:
+            raise PolicyError(f"the compiled kernel cannot sample: {error}") from error
 
 
 def _build(

@@ -1,6 +1,6 @@
 """What guidance needs of a policy, whoever computes it: a step's velocity and Jacobian, or a whole sample."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy.typing as npt
@@ -10,47 +10,118 @@ from edge_runtime.errors import PolicyError
 from edge_runtime.messages import Vector
 from edge_runtime.policy.flow_steps import Schedule
 
-Term = tuple[str, Sequence[float], Sequence[float]]
-"""One cost of one tick, in plain numbers; who states it and what it is for, a policy need not know.
+PYTHON = "python"
+"""The kind of a cost that is computed by who steers, see `OwnSlope`."""
 
-Its kind, one that the sampler knows; its head, the same in every tick: the weight of its gradient, the
-components, 2 or 3, of the position or velocity that it is of, and what the action adds to that, see
-`edge_runtime.motion.linear.constant_gains`; and all else that a cost of this kind depends on.
-"""
+
+class Term(NamedTuple):
+    """One cost as it stands in every tick, in plain numbers; what it is for, a policy need not know."""
+
+    kind: str
+    """One that the sampler knows."""
+    factor: float
+    """What its gradient is multiplied by along the flow."""
+    weight: float
+    """What its gradient counts among those of other preferences."""
+    preference: bool
+    """Whether it moves a finished action by ``reach`` at most."""
+    horizon_s: float
+    """How far ahead it looks."""
+    motion: Vector
+    """The robot's linear model so far ahead, see `edge_runtime.motion.linear.in_numbers`; else empty."""
+    numbers: Vector
+    """What a cost of its kind depends on besides."""
+
+
+class Steering(NamedTuple):
+    """How a flow is guided in every tick."""
+
+    projection: str
+    """How gradients that conflict are combined along the flow."""
+    steers: bool
+    """Whether they are combined along the flow at all."""
+    terms: tuple[Term, ...]
+    """M costs."""
+    dims: int
+    """2 where robots move in the plane, 3 in space."""
+    rounds: int
+    """In which preferences correct the finished action; below 0 it is left as it is, by preferences and
+    requirements alike."""
+    rate: float
+    """The share of a Newton step that each of these rounds takes."""
+    reach: float
+    """How far preferences move the finished action at most."""
+
+
+class Sight(NamedTuple):
+    """How many things a robot sees."""
+
+    mates: int
+    obstacles: int
+    tracked: int
+
+
+OwnSlope = Callable[[int, Vector], tuple[float, Vector] | None]
+"""The cost and gradient (d,) of the term at a place, at an action (d,); None where it has none."""
 
 
 class Sample(NamedTuple):
     """A whole guided flow; compare `edge_runtime.messages.GuidedAction`."""
 
     action: Vector
-    """Where the flow ended, or where it was when a gradient was not finite."""
+    """Where the flow ended, corrected; or where it was when a gradient was not finite."""
     steps: int
     projections: int
     fault: int
-    """Place of the term whose gradient was not finite, or -1."""
+    """Place of the term whose cost or gradient was not finite, or -1."""
     opposed: int
     costs: tuple[float, ...]
     conflicts: tuple[int, ...]
+    correction: Vector
+    cut: bool
 
 
 class Sampler(Protocol):
     """Takes all steps of a flow at once."""
 
-    def knows(self, projection: str, kinds: Collection[str]) -> bool:
-        """Whether it can combine the gradients of so many costs of these kinds in this way."""
+    def knows(self, steering: Steering) -> bool:
+        """Whether it can guide so."""
         ...
 
     def sample(
-        self, projection: str, terms: Sequence[Term], start: Vector, left_s: float, most_steps: int
+        self,
+        steering: Steering,
+        sight: Sight,
+        view: Sequence[float],
+        start: Vector,
+        left_s: float,
+        most_steps: int,
+        own: OwnSlope,
     ) -> Sample:
         """Flow one robot's action through its steps, for the observation set before.
 
         Args:
-            projection: how gradients that conflict are combined.
-            terms: M costs.
+            steering: how to guide; one that the sampler knows.
+            sight: how many things the robot sees.
+            view: what it sees: its number, position and velocity; x and y of each obstacle; of each tracked
+                object 1, or 0 if it is not there, position and velocity; of each teammate its number,
+                position, velocity and action.
             start: the flow's start (d,).
             left_s: seconds from now by which the action is needed; may be infinite.
             most_steps: cut short after so many steps; T for all of them.
+            own: computes terms of kind `PYTHON`.
+        """
+        ...
+
+    def sample_batch(self, steering: Steering, sight: Sight, views: Array, actions: Array) -> None:
+        """Flow B robots' actions through all steps.
+
+        Args:
+            steering: how to guide; without terms of kind `PYTHON`.
+            sight: how many things each robot sees.
+            views: (B, V) in float64: what each of them sees.
+            actions: (B, d) in float64: the flow's start, and then where it ended; NaN where a gradient was
+                not finite.
         """
         ...
 

@@ -17,7 +17,7 @@ from guidance_cases import (
     guide_for,
     random_team,
 )
-from networks import needs_kernel, random_weights
+from networks import random_weights
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
@@ -30,7 +30,6 @@ from edge_runtime.objectives import (
     Slope,
     SpeedLimit,
 )
-from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.flow_steps import SAMPLERS, flow_steps
 from edge_runtime.policy.numpy_policy import FlowPolicy
 
@@ -171,14 +170,6 @@ class Wordless(Objective, frozen=True, kw_only=True, tag="wordless"):
         return None
 
 
-class Unencodable(Objective, frozen=True, kw_only=True, tag="unencodable"):
-    kernel_term: ClassVar[str] = "speed_limit"
-    of: ClassVar[str] = "velocity"
-
-    def evaluate(self, motion, outlook):
-        return Slope(0.0)
-
-
 @pytest.mark.parametrize(
     ("objective", "steps", "fault"),
     [
@@ -198,14 +189,6 @@ def test_an_objective_that_raises_is_named(objective, steps, fault):
     assert result.fault.startswith(fault)
 
 
-@needs_kernel
-def test_an_objective_that_cannot_be_encoded_is_named():
-    team, policy = random_team(np.random.default_rng(1)), CompiledPolicy(random_weights(), 5)
-    result = guided_action(policy, np.zeros((1, 18), np.float32), team, guide_for([Unencodable()]))
-    assert result.action == (0.0, 0.0)
-    assert result.fault.startswith("objective unencodable raised NotImplementedError: Unencodable must")
-
-
 class Broken:
     """A policy that fails, whole or step by step."""
 
@@ -219,13 +202,13 @@ class Broken:
     def step(self, k, action):
         raise PolicyError("the graph cannot be computed")
 
-    def knows(self, projection, kinds):
+    def knows(self, steering):
         return True
 
     def velocity(self, k, action):
         raise PolicyError("the graph cannot be computed")
 
-    def sample(self, projection, terms, start, left_s, most_steps):
+    def sample(self, *arguments):
         raise PolicyError("the kernel cannot sample")
 
 

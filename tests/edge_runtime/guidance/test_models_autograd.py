@@ -15,6 +15,7 @@ from edge_runtime.motion.unicycle import Unicycle
 from edge_runtime.objectives import SafetyMargin, Spacing, SpatialOrder, SpeedLimit
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.velocity_field import PYTHON
 
 torch = pytest.importorskip("torch")
 import torch_oracle  # noqa: E402
@@ -29,6 +30,7 @@ WISHED = [
     (Spacing(distance_m=0.3, weight=0.4), torch_oracle.spacing_cost),
 ]
 STEPS = 5
+BACKENDS = [FlowPolicy, *(partial(CompiledPolicy, engine=engine) for engine in ENGINES)]
 
 
 def compared(model, cases, mode, backends):
@@ -68,9 +70,7 @@ def compared(model, cases, mode, backends):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_requirements_agree_with_autograd(name, mode):
     """In Python, and in every engine of the kernel where it takes the model."""
-    model = EXAMPLES[name]
-    backends = [FlowPolicy, *(partial(CompiledPolicy, engine=engine) for engine in ENGINES)]
-    assert compared(model, REQUIRED, mode, backends) <= 1e-5
+    assert compared(EXAMPLES[name], REQUIRED, mode, BACKENDS) <= 1e-5
 
 
 @pytest.mark.skipif(not ENGINES, reason="the compiled kernel was not built")
@@ -83,14 +83,15 @@ def test_the_kernels_cone_is_the_nearest_point_amid_many_demands(name):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_preferences_agree_with_autograd(name):
-    assert compared(EXAMPLES[name], [*REQUIRED[:2], *WISHED], "terminal", [FlowPolicy]) <= 1e-5
+    assert compared(EXAMPLES[name], [*REQUIRED[:2], *WISHED], "terminal", BACKENDS) <= 1e-5
 
 
 @pytest.mark.skipif(not ENGINES, reason="the compiled kernel was not built")
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_kernel_takes_linear_models_of_up_to_four_components(name):
+def test_the_kernel_takes_models_of_up_to_four_components(name):
     model = EXAMPLES[name]
     guide = guide_for([objective for objective, _ in REQUIRED], model)
     policy = CompiledPolicy(random_weights(action_dim=model.action_dim), STEPS)
-    taken = policy.sampler.knows(guide.projection, guide.kernel_terms)
-    assert taken == (model.action_dim <= 4 and not isinstance(model, Unicycle))
+    assert policy.sampler.knows(guide.steering) == (model.action_dim <= 4)
+    in_python = {term.kind for term in guide.steering.terms} == {PYTHON}
+    assert in_python == isinstance(model, Unicycle)

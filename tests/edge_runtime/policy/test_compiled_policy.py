@@ -9,23 +9,18 @@ import subprocess
 import sysconfig
 import time
 from types import SimpleNamespace
-from typing import get_args
 
 import numpy as np
 import pytest
 from bundles import MANIFEST
-from guidance_cases import DYNAMICS, Stepwise, guide_for, random_team
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from guidance_cases import Stepwise, guide_for, random_team
 from msgspec.structs import replace
 from networks import ENGINES, needs_kernel, random_weights
 from paths import ROOT
 
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
-from edge_runtime.guidance.guide import make_guide
 from edge_runtime.guidance.projection import COMBINE
-from edge_runtime.guidance.settings import GuidanceSettings, Mode, ObjectiveSet
 from edge_runtime.messages import RobotState, Teammate, TeamState
 from edge_runtime.objectives import BUILT_IN, ObstacleMargin, SafetyMargin, SpeedLimit
 from edge_runtime.policy import backend
@@ -33,44 +28,12 @@ from edge_runtime.policy import compiled_policy as kernel
 from edge_runtime.policy.backend import make_policy
 from edge_runtime.policy.compiled_policy import CompiledPolicy, load_kernel
 from edge_runtime.policy.numpy_policy import FlowPolicy
+from edge_runtime.policy.velocity_field import PYTHON
 
 
 @pytest.fixture(autouse=True)
 def warn_again():
     backend._warn.cache_clear()
-
-
-number = st.floats(0.05, 2.0)
-ahead = st.integers(1, 6)
-speed_limits = st.builds(SpeedLimit, limit_m_s=number, weight=number, look_ahead=ahead)
-margins = st.builds(SafetyMargin, distance_m=number, weight=number, look_ahead=ahead)
-built_in = st.lists(st.one_of(speed_limits, margins), max_size=6)
-modes = st.builds(GuidanceSettings, mode=st.sampled_from(get_args(Mode)), scale=st.floats(0.01, 1.0))
-
-
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    guidance=modes,
-    objectives=built_in,
-    mates=st.integers(0, 8),
-    steps=st.integers(1, 12),
-    seed=st.integers(0, 999),
-)
-def test_the_flow_in_the_kernel_is_the_flow_in_python(
-    make_compiled, guidance, objectives, mates, steps, seed
-):
-    draw = np.random.default_rng(seed)
-    policy = make_compiled(random_weights(seed=seed), steps=steps)
-    observation = draw.standard_normal((1, 18)).astype(np.float32)
-    team, start = random_team(draw, mates), tuple(draw.standard_normal(2).tolist())
-    guide = make_guide(ObjectiveSet(objectives, guidance), DYNAMICS)
-    compiled = guided_action(policy, observation, team, guide, start)
-    python = guided_action(Stepwise(policy), observation, team, guide, start)
-    np.testing.assert_allclose(compiled.action, python.action, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(compiled.costs, python.costs, rtol=1e-5, atol=1e-6)
-    assert (compiled.steps, compiled.fault) == (python.steps, "") == (steps, "")
-    assert (compiled.conflicts, compiled.opposed) == (python.conflicts, python.opposed)
-    np.testing.assert_allclose(compiled.correction, python.correction, rtol=1e-5, atol=1e-6)
 
 
 # Projecting onto v multiplies rounding by |guidance| / |v|, without bound where the flow comes to rest.
@@ -109,19 +72,19 @@ def test_the_kernel_sees_the_obstacles_that_python_sees(make_compiled):
 def test_the_kernel_says_what_it_knows():
     module = load_kernel()
     assert set(module.PROJECTIONS) == set(COMBINE)
-    own = {vars(kind)["kernel_term"] for kind in BUILT_IN if "kernel_term" in vars(kind)}
-    assert sorted(module.TERMS) == sorted(own)
+    assert {*module.TERMS} == {PYTHON} | {kind.__struct_config__.tag for kind in BUILT_IN}
     assert (module.MAX_TERMS, module.MAX_LAYERS) == (32, 16)
 
 
 def test_more_terms_than_the_kernel_holds_are_left_to_python(make_compiled):
     policy, most = make_compiled(random_weights(), 2), load_kernel().MAX_TERMS
-    knows = policy.sampler.knows
-    assert knows("cone", ("speed_limit",) * most)
-    assert not knows("cone", ("speed_limit",) * (most + 1))
-    assert not knows("cone", ("speed_limit", "a_wish"))
-    assert not knows("sideways", ("speed_limit",))
-    guide = guide_for([SpeedLimit(limit_m_s=1.0)] * (most + 1))
+    knows, limit = policy.sampler.knows, SpeedLimit(limit_m_s=1.0)
+    steering = guide_for([limit] * most).steering
+    assert knows(steering)
+    assert not knows(steering._replace(projection="sideways"))
+    assert not knows(steering._replace(terms=(steering.terms[0]._replace(kind="a_wish"),)))
+    guide = guide_for([limit] * (most + 1))
+    assert not knows(guide.steering)
     found = guided_action(policy, np.zeros((1, 18), np.float32), random_team(np.random.default_rng(0)), guide)
     assert (found.fault, len(found.costs)) == ("", most + 1)
 
@@ -198,21 +161,21 @@ def test_a_velocity_that_is_not_finite_is_no_objectives_fault(make_compiled, ste
     assert (found.action, found.fault) == ((0.0, 0.0), "the policy's velocity is not finite")
 
 
-def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
-    class Slower(SpeedLimit, frozen=True, kw_only=True, tag="slower"):
-        def evaluate(self, motion, outlook):
-            return super().evaluate(motion, outlook)
+def program(count, dims=2.0, rounds=-1.0):
+    """The head that so many terms follow."""
+    return [0.0, 1.0, float(count), dims, rounds, 0.5, 0.5]
 
-    guide = guide_for([Slower(limit_m_s=0.2)])
-    built_in = guide_for([SpeedLimit(limit_m_s=0.2)])
-    assert (guide.kernel_terms, built_in.kernel_terms) == (("",), ("speed_limit",))
-    policy, observation = make_compiled(random_weights(), 10), np.zeros((1, 18), np.float32)
-    assert not policy.sampler.knows(guide.projection, guide.kernel_terms)
-    team = random_team(np.random.default_rng(0))
-    own = guided_action(policy, observation, team, guide)
-    np.testing.assert_allclose(
-        own.action, guided_action(policy, observation, team, built_in).action, rtol=1e-6
-    )
+
+NO_TERMS, PYTHON_TERM = program(0), [9.0, 1.0, 1.0, 0.0, 0.1, 0.0, 0.0]
+
+
+def sample(net, program=NO_TERMS, sight=(0, 0, 0), view=(0.0,) * 5, start=(0.0, 0.0)):
+    return net.sample(np.asarray(program), sight, np.asarray(view), start, 1.0, 9, None)
+
+
+def batch(net, program=NO_TERMS, actions=None):
+    actions = np.zeros((1, 2)) if actions is None else actions
+    return net.sample_batch(np.asarray(program), (0, 0, 0), np.zeros(5), actions)
 
 
 @pytest.mark.parametrize(
@@ -225,12 +188,16 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
         (lambda net: net.observe(np.zeros((1, 18))), ValueError),
         (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
         (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
-        (lambda net: net.sample(9, 0, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, -1, np.zeros(0), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, 33, np.zeros(33 * 5), (0.0, 0.0), 1.0, 9), ValueError),
-        (lambda net: net.sample(0, 1, np.zeros(8, "f"), (0.0, 0.0), 1.0, 9), ValueError),
+        (lambda net: sample(net, program=[9.0, *NO_TERMS[1:]]), ValueError),
+        (lambda net: sample(net, program=NO_TERMS[:6]), ValueError),
+        (lambda net: sample(net, program=np.array(NO_TERMS, "f")), ValueError),
+        (lambda net: sample(net, sight=(1, 0, 0)), ValueError),
+        (lambda net: sample(net, sight=(-1, 0, 0)), ValueError),
+        (lambda net: sample(net, sight=(0, 0)), TypeError),
+        (lambda net: sample(net, view=[0.0] * 6), ValueError),
+        (lambda net: sample(net, view=np.zeros(5, "f")), ValueError),
         *(
-            (lambda net, start=start: net.sample(0, 0, np.zeros(0), start, 1.0, 9), error)
+            (lambda net, start=start: sample(net, start=start), error)
             for start, error in (
                 ((0.0,), ValueError),
                 ((0.0,) * 3, ValueError),
@@ -238,6 +205,10 @@ def test_an_objective_of_the_users_own_runs_in_python(make_compiled):
                 (("0", 0.0), TypeError),
             )
         ),
+        (lambda net: batch(net, actions=np.zeros((1, 2), "f")), ValueError),
+        (lambda net: batch(net, actions=np.zeros((2, 2))), ValueError),
+        (lambda net: batch(net, actions=np.frombuffer(bytes(16)).reshape(1, 2)), ValueError),
+        (lambda net: batch(net, program=[*program(1), *PYTHON_TERM]), ValueError),
     ],
 )
 def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, problem):
@@ -245,35 +216,53 @@ def test_the_extension_reads_nothing_beyond_its_arguments(make_compiled, call, p
         call(make_compiled(random_weights(), 3)._network)
 
 
-def head(kind=0.0, count=3.0, dims=2.0):
-    return [kind, count, 1.0, dims, 1.0, 1.0, 0.0, 0.0, 1.0]
+def term(kind, *numbers, dims=2, model=None, count=None, preference=0.0):
+    """A term of two action components, which may not hold what it says."""
+    size = 2 + 6 * dims
+    head = [kind, 1.0, 1.0, preference, 0.1, size if model is None else model]
+    return [*head, len(numbers) if count is None else count, *[1.0] * size, *numbers]
 
 
-SPEED, MARGIN = [*head(), 0.2, 0.0, 0.0], [*head(1.0, 6.0), 0.2, 0.0, 0.0, 1.0, 0.0, 1.0]
+HOSTILE = (-1.0, 0.5, 1e300, math.inf, math.nan)
 
 
 @pytest.mark.parametrize(
-    ("terms", "wrong"),
+    "wrong",
     [
-        ([], 0),
-        (SPEED[:4], 0),
-        (SPEED[:9], 0),
-        (SPEED[:11], 0),
-        *(([*head(dims=dims), 0.2, 0.0, 0.0], 0) for dims in (1.0, 4.0, 2.5, math.inf, math.nan)),
-        ([*head(dims=3.0), 0.2, 0.0, 0.0], 0),
-        (SPEED, 1),
-        ([*SPEED, *MARGIN[:-1]], 1),
-        *(([*head(kind), 0.2, 0.0, 0.0], 0) for kind in (-1.0, 2.0, 1e300, math.inf, math.nan)),
-        # Three numbers for each of 1431655769 neighbours are eleven, if nobody looks before they overflow.
-        *(([*head(1.0, n)] + [0.0] * 12, 0) for n in (-1.0, 2.0, 5.0, 13.0, 1431655769.0, 1e300, math.nan)),
-        ([*head(0.0, 6.0)] + [0.0] * 6, 0),
+        [],
+        term(0.0, 0.2, 0.1)[:4],
+        term(0.0, 0.2, 0.1)[:-1],
+        term(0.0, 0.2),
+        term(0.0, 0.2, 0.1, 0.3),
+        term(1.0),
+        term(1.0, 0.2, 0.3),
+        term(4.0, 0.2, 0.3),
+        term(4.0, 0.2, 0.3, 0.4, 0.5),
+        term(7.0, 0.2),
+        term(8.0, 0.2, 0.3, 0.4),
+        term(9.0),
+        *(term(kind, 0.2, 0.1) for kind in (*HOSTILE, 10.0)),
+        *(term(0.0, 0.2, 0.1, model=model) for model in (*HOSTILE, 0.0, 13.0, 15.0)),
+        *(term(7.0, 0.2, 0.1, count=count) for count in (*HOSTILE, 1.0, 3.0, 2147483648.0)),
+        *(term(0.0, 0.2, 0.1, preference=preference) for preference in (*HOSTILE, 2.0)),
     ],
 )
-def test_the_kernel_refuses_terms_that_do_not_hold_what_they_say(make_compiled, terms, wrong):
-    net = make_compiled(random_weights(), 3)._network
-    for count in (wrong + 1, wrong + 2):
-        with pytest.raises(ValueError, match=f"term {wrong} does not hold what its kind takes"):
-            net.sample(0, count, np.array(terms), (0.0, 0.0), 1.0, 9)
+def test_the_kernel_refuses_terms_that_do_not_hold_what_they_say(make_compiled, wrong):
+    net, right = make_compiled(random_weights(), 3)._network, term(0.0, 0.2, 0.1)
+    sample(net, [*program(1), *right])
+    for place, terms in ((0, [wrong]), (1, [right, wrong])):
+        flat = [number for each in terms for number in each]
+        with pytest.raises(ValueError, match=f"objective {place} does not hold what its kind takes"):
+            sample(net, [*program(place + 1), *flat])
+
+
+@pytest.mark.parametrize(
+    "head",
+    [*(program(count) for count in (*HOSTILE, 33.0)), *(program(0, dims) for dims in (*HOSTILE, 1.0, 4.0))],
+)
+def test_the_kernel_refuses_a_head_that_says_nothing(make_compiled, head):
+    with pytest.raises(ValueError, match="no head"):
+        sample(make_compiled(random_weights(), 3)._network, head)
 
 
 @pytest.mark.parametrize(
