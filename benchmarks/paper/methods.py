@@ -15,6 +15,7 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.velocity_field import VelocityField
+from export.episodes.ease import eased
 from export.episodes.play import Decide, MakeDecide, Observations, sampled
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BatchCombine, hierarchical_batch
@@ -28,7 +29,8 @@ def decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
-        return sampled(partial(_field, bundle, settings), guide, joint)
+        sample = sampled(partial(_field, bundle, settings), guide, joint)
+        return eased(sample, bundle.manifest, guide.ease_m)
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):

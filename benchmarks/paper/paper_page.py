@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.common.result_file import read_result
 from benchmarks.common.result_page import page
 from benchmarks.paper.figures import draw_scales, draw_steps
 from benchmarks.paper.policies import FIRST_FRESH_SEED
+from benchmarks.paper.possible import ORACLE
+from benchmarks.paper.possible import Row as OracleRow
 from benchmarks.paper.rows import Row
-from benchmarks.paper.tables import metrics_table, success_table, tests_table
+from benchmarks.paper.tables import metrics_table, share_table, success_table, tests_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.trajectories import draw_trajectories
 from benchmarks.paper.tuning import tuned_default
@@ -22,6 +25,7 @@ def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -
     parts = [
         "## Multi-objective success in percent (the paper's in brackets)",
         success_table(tabled),
+        *_shares(tabled),
         "## Significance over seeds",
         tests_table(tabled),
     ]
@@ -38,6 +42,13 @@ def write_page(rows: Sequence[Row], policies: Path, out: Path, *, quick: bool) -
     text = page("The paper's evaluation", "paper", _circumstances(tabled), *parts, "## Figures", *figures)
     (out / "paper.md").write_text(text)
     return text
+
+
+def _shares(tabled: Sequence[Row]) -> list[str]:
+    """The chapter about what is possible, if `python -m benchmarks oracle` has found out."""
+    shares = share_table(tabled, read_result(ORACLE, list[OracleRow], default=[]))
+    note = "Of the episodes that some policy or plan satisfies, in percent: see [the oracle](oracle.md)."
+    return ["## Success as a share of what is possible", note, shares] if shares else []
 
 
 def _circumstances(tabled: Sequence[Row]) -> str:

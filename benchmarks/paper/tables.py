@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from benchmarks.common.result_page import table
+from benchmarks.paper import possible
 from benchmarks.paper.candidates import ALONE, METHODS
 from benchmarks.paper.rows import Row
 from benchmarks.paper.statistics import equivalence, summarise, welch
@@ -27,6 +28,18 @@ def success_table(rows: Sequence[Row]) -> str:
     return table(["method", *TASKS], lines)
 
 
+def share_table(rows: Sequence[Row], oracle: Sequence[possible.Row]) -> str:
+    """Success as a share of what is possible at least, see `possible`; empty where nobody knows that."""
+    bounds = {task: possible.possible(_of_these(oracle, rows, task), task) for task in TASKS}
+    if not any(bounds.values()):
+        return ""
+    lines = [
+        [method, *(_share_cell(rows, task, method, bounds[task]) for task in TASKS)] for method in METHODS
+    ]
+    known = [f"{one.at_least:.1f} to {one.at_most:.1f}" if one else "unknown" for one in bounds.values()]
+    return table(["method", *TASKS], [*lines, ["possible, % of all episodes", *known]])
+
+
 def metrics_table(rows: Sequence[Row], task: str) -> str:
     """One task of Table II."""
     metrics = TASKS[task].metrics
@@ -47,6 +60,12 @@ def tests_table(rows: Sequence[Row]) -> str:
     return table(["CFPG against", *TASKS], lines)
 
 
+def _of_these(oracle: Sequence[possible.Row], rows: Sequence[Row], task: str) -> list[possible.Row]:
+    """What the oracle says of the very episodes that a task's rows are about."""
+    asked = {(row.definition, row.episodes, row.episodes_seed) for row in rows if row.task == task}
+    return [row for row in oracle if (row.definition, row.episodes, row.episodes_seed) in asked]
+
+
 def _successes(rows: Sequence[Row], task: str, method: str) -> list[float]:
     return [row.multi_objective_success for row in rows if (row.task, row.method) == (task, method)]
 
@@ -57,6 +76,15 @@ def _success_cell(rows: Sequence[Row], task: str, method: str, place: int) -> st
         return "not run"
     paper = PAPER_SUCCESS.get(method)
     return f"{summarise(values)}" + (f" ({paper[place]:.1f})" if paper else "")
+
+
+def _share_cell(rows: Sequence[Row], task: str, method: str, bound: possible.Possible | None) -> str:
+    values = _successes(rows, task, method)
+    return (
+        str(summarise([100.0 * value / bound.at_least for value in values]))
+        if bound and values
+        else "unknown"
+    )
 
 
 def _metric_cell(rows: Sequence[Row], metric: Metric) -> str:

@@ -61,7 +61,7 @@ class Controller:
         if self._first_s is None:
             self._first_s = team.own.stamp_s
         self.elapsed_s = team.own.stamp_s - self._first_s
-        observation = self._observer.observe(team, self.command.action, self.elapsed_s)
+        observation = self._observer.observe(team, self.command.action, self.elapsed_s, self.guide.ease_m)
         self._strangest = self._familiarity.strangest(observation[0])
         return observation
 

@@ -18,7 +18,7 @@ from edge_runtime.motion.model import Model
 from edge_runtime.motion.outlook import Outlook, look_ahead
 from edge_runtime.motion.prediction import Preview
 from edge_runtime.motion.range_sensor import RangeSensor
-from edge_runtime.objectives import BUILT_IN, Objective
+from edge_runtime.objectives import BUILT_IN, Objective, SafetyMargin
 from edge_runtime.policy.manifest import FlowStart, Manifest
 from edge_runtime.policy.velocity_field import PYTHON, Steering, Term
 
@@ -67,6 +67,8 @@ class Guide(msgspec.Struct, frozen=True):
     """Those that move it as far as it takes."""
     start_noise: float
     """Deviation of the flow's start."""
+    ease_m: float
+    """How much farther away than they are the policy sees teammates; 0 without a safety margin."""
     digest: int
     """See `digest_of`."""
     sensor: RangeSensor | None = None
@@ -132,6 +134,7 @@ def make_guide(
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),
         start_noise=settings.start_noise if start == "noise" else 0.0,
+        ease_m=settings.ease_m if any(isinstance(each, SafetyMargin) for each in active) else 0.0,
         digest=digest_of(followed),
         sensor=sensor if model.dims == 2 else None,
     )

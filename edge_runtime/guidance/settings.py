@@ -27,7 +27,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """How strongly objectives steer, and how their conflicts are resolved.
 
     Raises:
-        ValueError: if the scale, the reach or the start noise is negative, not finite or absurdly large.
+        ValueError: if a number is negative, not finite or absurdly large.
     """
 
     mode: Mode = "terminal"
@@ -39,13 +39,18 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     requirements move it as far as it takes. Modes ``terminal`` and ``correction`` only."""
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
+    ease_m: float = 0.0
+    """While a safety margin is asked for, the policy sees teammates this much farther away by its ranges than
+    they are, and leaves the distance to the margin: of two policies that shy away from each other, neither
+    passes. Real readings, which may be of anything, stay as they are."""
 
     def __post_init__(self) -> None:
-        for field in ("scale", "reach", "start_noise"):
+        numbers = ("scale", "reach", "start_noise", "ease_m")
+        for field in numbers:
             value = getattr(self, field)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"`{field}` must be finite and not negative, got {value}")
-        check_bounds(self, dict.fromkeys(("scale", "reach", "start_noise"), (0.0, GREATEST)))
+        check_bounds(self, dict.fromkeys(numbers, (0.0, GREATEST)))
 
 
 class ObjectiveSet(msgspec.Struct, frozen=True):

@@ -68,7 +68,9 @@ class Observer:
         self._vector = np.zeros((1, size), np.float32)
         self._per_unit = _per_unit(manifest, scale_m) if scale_m != 1.0 else None
 
-    def observe(self, team: TeamState, previous_action: Vector = (), elapsed_s: float = 0.0) -> Array:
+    def observe(
+        self, team: TeamState, previous_action: Vector = (), elapsed_s: float = 0.0, ease_m: float = 0.0
+    ) -> Array:
         """Compose the observation (1, O) of what the robot knows of itself and its team.
 
         A field whose source has nothing to give, or fails, is NaN, and `fault` names it.
@@ -77,11 +79,12 @@ class Observer:
             team: this tick's view.
             previous_action: what the robot was commanded last.
             elapsed_s: since its first tick.
+            ease_m: how much farther away than they are its ranges see teammates.
 
         Raises:
             PolicyError: if the number of readings is not the number of rays.
         """
-        view = View(team, self.goal_m, self._sensor, previous_action, elapsed_s)
+        view = View(team, self.goal_m, self._sensor, previous_action, elapsed_s, ease_m)
         values: list[float] = []
         self.fault = ""
         for source, is_own in self._sources:

@@ -18,7 +18,7 @@ class Ranges(Source, frozen=True, tag="ranges"):
 
     def read(self, view: View) -> Sequence[float]:
         """See `edge_runtime.motion.range_sensor`."""
-        return view.sensor.read(view.team)
+        return view.ranges()
 
 
 class Proximity(Ranges, frozen=True, tag="proximity"):
@@ -27,7 +27,7 @@ class Proximity(Ranges, frozen=True, tag="proximity"):
     def read(self, view: View) -> Sequence[float]:
         """As `Ranges`."""
         reach = view.sensor.range_m
-        return [reach - reading for reading in view.sensor.read(view.team)]
+        return [reach - reading for reading in view.ranges()]
 
 
 class Sensor(Source, frozen=True, kw_only=True, tag="sensor"):

@@ -42,6 +42,19 @@ class View(msgspec.Struct, frozen=True, gc=False):
     """What was commanded last."""
     elapsed_s: float = 0.0
     """Since the robot's first tick."""
+    ease_m: float = 0.0
+    """How much farther away than they are teammates are seen."""
+
+    def ranges(self) -> Sequence[float]:
+        """What the range sensor reads; readings that are computed from teammates are eased.
+
+        Raises:
+            PolicyError: if the number of readings is not the number of rays.
+        """
+        readings, reach = self.sensor.read(self.team), self.sensor.range_m
+        if not self.ease_m or self.team.ranges_m is not None:
+            return readings
+        return [min(reading + self.ease_m, reach) for reading in readings]
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="source"):

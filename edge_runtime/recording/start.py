@@ -62,6 +62,7 @@ def logged_set(guide: Guide, bundle: BundleIdentity | None = None) -> LoggedObje
         scale=guidance.scale,
         reach=guidance.reach,
         start_noise=guide.start_noise,
+        ease_m=guidance.ease_m,
         objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
         bundle=bundle,
     )

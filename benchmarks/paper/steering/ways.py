@@ -5,7 +5,7 @@ from edge_runtime.guidance.settings import GuidanceSettings, Mode
 
 VANISHING = 1e-9
 """An eta that leaves objectives active and the flow as it is."""
-SCALES = (3.0, 10.0, 30.0)
+SCALES = (3.0, 30.0)
 """eta of every way along the flow; the best one counts."""
 
 

@@ -111,7 +111,9 @@ class Replay:
         """The observation of the recorded state."""
         inputs = tick.inputs
         _check_size(len(inputs.previous_action), self._manifest.action_dim, "actions")
-        values = self._observer.observe(tick.state, inputs.previous_action, inputs.elapsed_s)[0]
+        values = self._observer.observe(
+            tick.state, inputs.previous_action, inputs.elapsed_s, self._guide.ease_m
+        )[0]
         field = self._familiarity.strangest(values)
         if field:
             self.unfamiliar[field] += 1

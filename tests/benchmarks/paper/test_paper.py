@@ -20,10 +20,11 @@ from benchmarks.paper.candidates import METHODS, SCALES, candidates, scaled
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import decider
 from benchmarks.paper.policies import SEEDS, find_policy
+from benchmarks.paper.possible import Ended
 from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
 from benchmarks.paper.statistics import equivalence, summarise, welch
-from benchmarks.paper.tables import success_table
+from benchmarks.paper.tables import share_table, success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen, read_tuned
 from edge_runtime.errors import ConfigError
@@ -379,6 +380,17 @@ def test_statistics_over_seeds():
 def test_the_success_table_shows_what_was_not_run():
     table = success_table([some_row(seed=seed) for seed in (0, 1)])
     assert "| CFPG | 100.0 ± 0.0 (88.7) | not run | not run |" in table
+
+
+def test_success_is_told_as_a_share_of_what_the_oracle_knows_of_the_same_episodes():
+    rows = [some_row(seed=seed) for seed in (0, 1)]
+    same = {"task": "navigation", "definition": "definition", "episodes": 10, "commit": ""}
+    ended = Ended(**same, episodes_seed=1, seed=0, policy="p", failures={"late": (3, 4)})
+    other = Ended(**same, episodes_seed=2, seed=0, policy="p", failures={"late": tuple(range(10))})
+    table = share_table(rows, [ended, other])
+    assert "| CFPG | 125.0 ± 0.0 | unknown | unknown |" in table
+    assert "| possible, % of all episodes | 80.0 to 100.0 | unknown | unknown |" in table
+    assert share_table(rows, [other]) == ""
 
 
 @pytest.mark.parametrize(("flags", "wrong"), [(["--tasks", "chess"], "'chess'"), (["--jobs", "0"], "'0'")])

@@ -13,8 +13,8 @@ from edge_runtime.config.objectives import load_objective_set
 from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import digest_of, make_guide
-from edge_runtime.guidance.settings import ObjectiveSet
-from edge_runtime.objectives import Spacing, SpeedLimit
+from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.objectives import SafetyMargin, Spacing, SpeedLimit
 from edge_runtime.policy.bundle import Bundle
 
 OWN = """
@@ -104,3 +104,12 @@ def test_a_robot_that_is_not_guided_keeps_what_was_asked():
 def test_a_flow_that_was_trained_to_start_at_zero_does():
     assert make_guide(ObjectiveSet(), DYNAMICS, "zero").start_noise == 0.0
     assert make_guide(ObjectiveSet(), DYNAMICS, "noise").start_noise == 1.0
+
+
+def test_teammates_are_eased_while_a_margin_keeps_the_distance():
+    margin, limit = SafetyMargin(distance_m=0.3), SpeedLimit(limit_m_s=0.1)
+    settings = GuidanceSettings(ease_m=0.1)
+    assert make_guide(ObjectiveSet((limit, margin), settings), DYNAMICS).ease_m == 0.1
+    unguarded = (limit,), (limit, replace(margin, weight=0.0)), ()
+    assert [make_guide(ObjectiveSet(each, settings), DYNAMICS).ease_m for each in unguarded] == [0.0] * 3
+    assert make_guide(ObjectiveSet((margin,), settings), DYNAMICS, guided=False).ease_m == 0.0

@@ -65,3 +65,14 @@ def test_readings_never_exceed_the_range_nor_depend_on_the_order(x, y, discs):
     found = body.sensor().readings((x, y), [(*disc, body.radius_m) for disc in discs])
     assert found == body.sensor().readings((x, y), [(*disc, body.radius_m) for disc in discs[::-1]])
     assert all(-MANIFEST.body.radius_m <= reading <= MANIFEST.body.lidar_range_m for reading in found)
+
+
+def test_eased_ranges_are_longer_up_to_the_sensors_unless_they_are_real():
+    observer, own = Observer(MANIFEST, (0.0, 0.0)), RobotState(0, 0.0, (0.0, 0.0), (0.0, 0.0))
+    team = TeamState(own, (Teammate(RobotState(1, 0.0, (0.3, 0.0), (0.0, 0.0))),))
+    near = observer.observe(team)[0, 6:].copy()
+    eased = observer.observe(team, ease_m=0.1)[0, 6:]
+    assert near.max() == pytest.approx(0.15)
+    np.testing.assert_allclose(eased, np.maximum(near - 0.1, 0.0), atol=1e-6)
+    real = observer.observe(replace(team, ranges_m=(0.1,) * 12), ease_m=0.1)[0, 6:]
+    np.testing.assert_allclose(real, 0.25, atol=1e-6)
