@@ -12,6 +12,8 @@ COMMANDS = {
     "curves": "benchmarks.paper.curves",
     "failsafe": "benchmarks.faults.failsafe",
     "faults": "benchmarks.faults.faults_command",
+    "husky": "benchmarks.husky.husky_command",
+    "husky-pictures": "benchmarks.husky.pictures",
     "latency": "benchmarks.latency.latency_command",
     "layout": "benchmarks.layout",
     "modes": "benchmarks.paper.modes.modes_command",

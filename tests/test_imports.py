@@ -45,7 +45,7 @@ benchmarks.common
 benchmarks.sil
 benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording
 benchmarks.paper.ablation benchmarks.paper.modes benchmarks.paper.oracle benchmarks.paper.steering
-benchmarks.paper.team_size
+benchmarks.husky benchmarks.paper.team_size
 benchmarks
 """
 """Every package, a floor a line, the lowest first: imports lead to lower floors, or stay in the package."""

@@ -73,7 +73,7 @@ class WheeledBase(msgspec.Struct, frozen=True):
 
 
 _HUSKY: Final = WheeledBase(
-    kinematics=Base("differential", sideways="lookahead", lookahead_m=0.4, max_yaw_rad_s=2.0),
+    kinematics=Base("differential", sideways="lookahead", lookahead_m=0.4, max_yaw_rad_s=1.0),
     size_m=(0.99, 0.67, 0.2577),
     clearance_m=0.1323,
     body_kg=46.034,

@@ -1,0 +1,1 @@
+"""The paper's case study: Navigation by robots on wheels that slip."""
