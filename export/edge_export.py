@@ -11,6 +11,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.observation import ObservationField
 from edge_runtime.policy.bundle import load_bundle
 from edge_runtime.policy.manifest import Training
+from edge_runtime.policy.schema import MAX_STEPS
 from edge_runtime.policy.signature import LARGEST_VERSION
 from export.algorithms.derivatives import evaluate_torch
 from export.algorithms.networks import FlowNetwork
@@ -40,6 +41,7 @@ examples:
   edge-export --from-onnx velocity.onnx --facts facts.toml --calibration seen.npz --out policies/mine
   edge-export --upgrade policies/old
   edge-export --seen policies/mine
+  edge-export --resample policies/mine --exponential-steps 3
   edge-export runs/nav --out policies/navigation --sign release.key
   edge-export --out policies/navigation --sign release.key      a bundle that is there already
 
@@ -95,6 +97,18 @@ def tell_seen(directory: Path, calibration: Path | None) -> str:
     return f"{directory}: what the policy saw is written into its manifest{again}"
 
 
+def resample(directory: Path, steps: int) -> str:
+    """Have a bundle's flow integrated in ``steps`` of the exponential sampler; returns a line that says so.
+
+    Raises:
+        BundleError: if it is no bundle that loads.
+        ConfigError: if it cannot be written.
+    """
+    bundle = load_bundle(directory)
+    again = replace_manifest(bundle, bundle.sampled("exponential", steps).manifest)
+    return f"{directory}: its flow is integrated exponentially, in {steps} steps{again}"
+
+
 @command("edge-export")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-export``; returns the exit code."""
@@ -115,6 +129,10 @@ def _run(arguments: argparse.Namespace) -> str:
         )
     if arguments.seen is not None:
         return tell_seen(arguments.seen, arguments.calibration)
+    if (arguments.resample is None) != (arguments.exponential_steps is None):
+        raise ConfigError("--resample DIR and --exponential-steps N go together")
+    if arguments.resample is not None:
+        return resample(arguments.resample, arguments.exponential_steps)
     if arguments.out is None:
         raise ConfigError("--out DIR is missing: the directory of the bundle to write")
     if arguments.bundle_version is not None and arguments.sign is None:
@@ -200,6 +218,15 @@ def make_parser() -> CommandParser:
         type=Path,
         metavar="DIR",
         help="write into this bundle what its policy saw, by rolling it out in its training's task",
+    )
+    parser.add_argument(
+        "--resample",
+        type=Path,
+        metavar="DIR",
+        help="have this bundle's flow integrated by the exponential sampler, in --exponential-steps",
+    )
+    parser.add_argument(
+        "--exponential-steps", type=whole_number(1, MAX_STEPS), metavar="N", help="for --resample"
     )
     parser.add_argument("--force", action="store_true", help="replace an existing bundle")
     parser.add_argument("--sign", type=Path, metavar="KEY", help="sign the bundle with this private key")

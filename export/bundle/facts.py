@@ -9,6 +9,7 @@ from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
 from edge_runtime.motion.body import Body
 from edge_runtime.motion.models import MotionModel
 from edge_runtime.observation import SOURCES, Extent, ObservationField
+from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.manifest import (
     BUNDLE_FORMAT,
     ActionField,
@@ -32,6 +33,8 @@ class Facts(Spaces, msgspec.Struct, frozen=True):
     body: Body
     training: Training | None = None
     start: FlowStart = "noise"
+    sampler: SamplerName = "euler"
+    sampler_steps: int | None = None
 
     def manifest(self, name: str, network: Network | None, files: dict[str, str]) -> Manifest:
         """Complete the manifest of a bundle; without ``network`` it is one for onnxruntime."""
@@ -49,6 +52,8 @@ class Facts(Spaces, msgspec.Struct, frozen=True):
             training=self.training,
             files=files,
             start=self.start,
+            sampler=self.sampler,
+            sampler_steps=self.sampler_steps,
         )
 
 
@@ -59,6 +64,8 @@ class _FactsFile(Spaces, msgspec.Struct, frozen=True, forbid_unknown_fields=True
     action: tuple[ActionField, ...]
     motion: MotionModel
     body: Body
+    sampler: SamplerName = "euler"
+    sampler_steps: int | None = None
 
 
 def read_facts(path: Path) -> Facts:

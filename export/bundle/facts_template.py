@@ -17,6 +17,8 @@ _EXAMPLE: Final = """\
 observation = ["position", "velocity", "goal_offset", "proximity"]
 control_rate_hz = 10.0
 euler_steps = 10          # T: steps from noise (tau = 0) to the action (tau = 1)
+# sampler = "exponential" # of second order: fewer steps are as near to the flow
+# sampler_steps = 5       # those steps, in place of T
 
 [[action]]                # the action's components, in the graph's order; low <= 0 <= high
 name = "force_x"

@@ -69,6 +69,18 @@ def test_training_run(edge_export, training_run, tmp_path):
     np.testing.assert_allclose(np.moveaxis(computed[1:], 0, 2), jacobian, rtol=1e-5, atol=1e-5)
 
 
+def test_a_bundle_takes_another_sampler(edge_export, training_run, tmp_path):
+    edge_export(training_run[0], "--out", tmp_path / "nav")
+    before = load_bundle(tmp_path / "nav")
+    code, output, _ = edge_export("--resample", tmp_path / "nav", "--exponential-steps", 3)
+    after = load_bundle(tmp_path / "nav")
+    assert code == 0
+    assert "integrated exponentially, in 3 steps" in output
+    assert (after.manifest.sampler, after.manifest.steps, after.manifest.euler_steps) == ("exponential", 3, 8)
+    assert after.stands_for(before.sha256)
+    assert "go together" in refused(edge_export, "--resample", tmp_path / "nav")
+
+
 def test_run_of_another_shape(edge_export, tmp_path):
     save_policy(tmp_path, FlowNetwork(24, 2), PolicyFacts("navigation", "mafpo", 3, 1000, "abc", 0.9, 8))
     error = refused(edge_export, tmp_path, "--out", tmp_path / "b")
