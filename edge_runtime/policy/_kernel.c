@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
-#define INTERFACE 5
+#define INTERFACE 6
 
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
@@ -140,10 +140,26 @@ static const Engine *find_engine(const char *name)
     return NULL;
 }
 
+static bool load_schedule(Network *net, PyObject *array)
+{
+    Py_buffer buffer;
+    _Static_assert(sizeof(FlowStep) == 5 * sizeof(double), "a step is five numbers");
+    if (!view(array, "d", (Py_ssize_t)net->steps * 5, "schedule", &buffer))
+        return false;
+    net->schedule = malloc(buffer.len);
+    if (net->schedule == NULL)
+        PyErr_NoMemory();
+    else
+        memcpy(net->schedule, buffer.buf, buffer.len);
+    PyBuffer_Release(&buffer);
+    return net->schedule != NULL;
+}
+
 static bool load_weights(Network *net, PyObject *arrays)
 {
-    PyObject *action, *observation, *time_parts, *prior_gain, *matrices, *biases, *output, *output_bias;
-    if (!PyArg_ParseTuple(arrays, "OOOOO!O!OO", &action, &observation, &time_parts, &prior_gain,
+    PyObject *action, *observation, *time_parts, *prior_gain, *schedule;
+    PyObject *matrices, *biases, *output, *output_bias;
+    if (!PyArg_ParseTuple(arrays, "OOOOOO!O!OO", &action, &observation, &time_parts, &prior_gain, &schedule,
                           &PyTuple_Type, &matrices, &PyTuple_Type, &biases, &output, &output_bias))
         return false;
     if (PyTuple_GET_SIZE(matrices) != net->layers - 1 || PyTuple_GET_SIZE(biases) != net->layers - 1) {
@@ -154,8 +170,10 @@ static bool load_weights(Network *net, PyObject *arrays)
     Layer *first = &net->layer[0], *last = &net->layer[net->layers - 1];
     first->matrix = load(observation, net->observation_dim, first->width, first->padded, "observation");
     net->action_rows = load(action, d, first->width, first->padded, "action");
-    net->time_parts = load(time_parts, net->euler_steps, first->width, first->padded, "time_parts");
-    net->prior_gain = load(prior_gain, 1, net->euler_steps, net->euler_steps, "prior_gain");
+    net->time_parts = load(time_parts, net->steps, first->width, first->padded, "time_parts");
+    net->prior_gain = load(prior_gain, 1, net->steps, net->steps, "prior_gain");
+    if (!load_schedule(net, schedule))
+        return false;
     for (Layer *layer = first + 1; layer <= last && !PyErr_Occurred(); layer++) {
         const Py_ssize_t index = layer - first - 1;
         layer->matrix =
@@ -199,6 +217,7 @@ static void network_dealloc(NetworkObject *self)
     free(net->action_rows);
     free(net->time_parts);
     free(net->prior_gain);
+    free(net->schedule);
     free(net->output);
     free(net->output_bias);
     free(net->observed);
@@ -214,7 +233,7 @@ static PyObject *network_new(PyTypeObject *type, PyObject *arguments, PyObject *
     PyObject *widths, *arrays, *action, *result;
     Network net = {0};
     if (!PyArg_ParseTuple(arguments, "sp(iiii)O!O!OO", &engine, &net.silu, &net.action_dim,
-                          &net.observation_dim, &net.euler_steps, &net.batch, &PyTuple_Type, &widths,
+                          &net.observation_dim, &net.steps, &net.batch, &PyTuple_Type, &widths,
                           &PyTuple_Type, &arrays, &action, &result))
         return NULL;
     net.engine = find_engine(engine);
@@ -248,8 +267,8 @@ static PyObject *take_step(NetworkObject *self, PyObject *number, int tangents)
     const long k = PyLong_AsLong(number);
     if (k == -1 && PyErr_Occurred())
         return NULL;
-    if (k < 0 || k >= net->euler_steps)
-        return PyErr_Format(PyExc_IndexError, "step %ld of %d", k, net->euler_steps);
+    if (k < 0 || k >= net->steps)
+        return PyErr_Format(PyExc_IndexError, "step %ld of %d", k, net->steps);
     net->engine->step(net, (int)k, tangents, self->action.buf, self->result.buf);
     Py_RETURN_NONE;
 }
@@ -408,7 +427,7 @@ static bool sample_all(NetworkObject *self, Flight *flight, double *actions)
         flight->samples[b] = (Sample){.fault = -1};
         memcpy(flight->samples[b].action.at, actions + (size_t)b * d, sizeof(double) * d);
     }
-    if (!fly(self, flight, INFINITY, self->net.euler_steps))
+    if (!fly(self, flight, INFINITY, self->net.steps))
         return false;
     for (int b = 0; b < flight->robots; b++)
         for (int i = 0; i < d; i++)

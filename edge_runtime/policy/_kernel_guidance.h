@@ -13,7 +13,7 @@
 /* One robot's action on its way along the flow, and what happened to it. */
 typedef struct {
     Vector action, correction;
-    Vector estimate, guidance; /* of the newest step */
+    Vector estimate, guidance, network; /* of the newest step; the network is N of flow_steps.py */
     int steps, projections;
     int opposed; /* steps in which eq. 15 took something away */
     int fault;   /* the objective whose cost or gradient was not finite, there where `action` is; or -1 */
@@ -73,9 +73,23 @@ INLINE bool evaluate(const int d, const Flight *flight, const Term *term, int m,
     return false;
 }
 
-/* Step k of one robot from what the network gave; false at a fault. */
-INLINE bool steer(const int d, const Flight *flight, const Term *terms, int k, int total, const float *result,
-                  Sample *sample)
+/* The action at a step's end; flow_steps.py says how. */
+INLINE void move(const int d, const FlowStep *step, const Vector *velocity, Sample *sample)
+{
+    const Vector network = add_scaled(d, velocity, -step->prior, &sample->action);
+    Vector kept;
+    for (int i = 0; i < d; i++)
+        kept.at[i] = step->keep * sample->action.at[i];
+    const Vector change = add_scaled(d, &network, -1.0, &sample->network);
+    const Vector ahead = add_scaled(d, &network, step->ahead, &change);
+    const Vector held = add_scaled(d, &ahead, 1.0, &sample->guidance);
+    sample->action = add_scaled(d, &kept, step->gain, &held);
+    sample->network = network;
+}
+
+/* One robot's step from what the network gave; false at a fault. */
+INLINE bool steer(const int d, const Flight *flight, const Term *terms, const FlowStep *step,
+                  const float *result, Sample *sample)
 {
     Vector velocity, tangents[MAX_ACTION]; /* v and dv/da_j, for what steers */
     for (int i = 0; i < d; i++) {
@@ -83,7 +97,7 @@ INLINE bool steer(const int d, const Flight *flight, const Term *terms, int k, i
         for (int j = 0; flight->steering->steers && j < d; j++)
             tangents[j].at[i] = result[(1 + j) * d + i];
     }
-    const double left = 1.0 - (double)k / total;
+    const double left = 1.0 - step->tau;
     sample->estimate = add_scaled(d, &sample->action, left, &velocity);
     Vector gradients[MAX_TERMS];
     double factors[MAX_TERMS];
@@ -109,9 +123,8 @@ INLINE bool steer(const int d, const Flight *flight, const Term *terms, int k, i
                                    &sample->guidance, &opposed);
     sample->opposed += opposed;
     count_conflicts(d, gradients, term, steering, sample->conflicts);
-    const Vector step = add_scaled(d, &velocity, 1.0, &sample->guidance);
-    sample->action = add_scaled(d, &sample->action, 1.0 / total, &step);
-    sample->steps = k + 1;
+    move(d, step, &velocity, sample);
+    sample->steps++;
     return true;
 }
 
@@ -122,10 +135,10 @@ static double seconds(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* T Euler steps of all robots, or as many as fit in the time left. */
+/* T steps of all robots, or as many as fit in the time left. */
 INLINE void flow(const int d, Network *net, const Flight *flight, double left_s, int most_steps)
 {
-    const int total = net->euler_steps, count = flight->steering->count;
+    const int total = net->steps, count = flight->steering->count;
     const int tangents = flight->steering->steers ? d : 0;
     const double begin = seconds();
     double now = begin, longest = 0.0;
@@ -140,7 +153,7 @@ INLINE void flow(const int d, Network *net, const Flight *flight, double left_s,
             Sample *sample = &flight->samples[b];
             const float *result = flight->result + (size_t)b * (1 + tangents) * d;
             if (sample->fault < 0)
-                going |= steer(d, flight, flight->terms + (size_t)b * count, k, total, result, sample);
+                going |= steer(d, flight, flight->terms + (size_t)b * count, &net->schedule[k], result, sample);
         }
         const double before = now;
         now = seconds();
@@ -150,7 +163,8 @@ INLINE void flow(const int d, Network *net, const Flight *flight, double left_s,
     for (int b = 0; late && b < flight->robots; b++) {
         Sample *sample = &flight->samples[b];
         if (sample->fault < 0) {
-            sample->action = add_scaled(d, &sample->estimate, 1.0 / total, &sample->guidance);
+            const double gain = net->schedule[sample->steps - 1].gain;
+            sample->action = add_scaled(d, &sample->estimate, gain, &sample->guidance);
             sample->cut = true;
         }
     }

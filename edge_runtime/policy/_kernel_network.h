@@ -14,6 +14,11 @@ typedef struct {
     void (*step)(Network *, int k, int tangents, const float *action, float *result);
 } Engine;
 
+/* One step of a flow, see flow_steps.py. */
+typedef struct {
+    double tau, prior, keep, gain, ahead;
+} FlowStep;
+
 typedef struct {
     int width;     /* outputs, without padding */
     int padded;    /* outputs, with padding */
@@ -25,13 +30,14 @@ typedef struct {
 struct Network {
     const Engine *engine;
     int silu; /* else tanh */
-    int action_dim, observation_dim, euler_steps, batch, layers;
+    int action_dim, observation_dim, steps, batch, layers;
     Layer layer[MAX_LAYERS]; /* the hidden layers */
     float *action_rows;      /* (d, padded): the action's rows of the first layer */
     float *time_parts;       /* (T, padded): what flow time adds to the first layer, bias included */
     float *output;           /* (d, padded): the last layer, transposed */
     float *output_bias;      /* (d) */
     float *prior_gain;       /* (T) */
+    FlowStep *schedule;      /* (T) */
     float *observed;         /* (B, padded): what the observation adds to the first layer */
     int stride;              /* the widest padded layer */
     float *before, *after;   /* (B (1 + d), stride): each robot's value and tangents around an activation */

@@ -27,7 +27,7 @@ from edge_runtime.policy.velocity_field import (
 )
 from edge_runtime.policy.weights import FlowWeights
 
-INTERFACE: Final = 5
+INTERFACE: Final = 6
 """Of the kernel that this module was written for; see ``_kernel.c``."""
 
 
@@ -128,7 +128,6 @@ class CompiledPolicy:
     ) -> None:
         check_counts(steps, batch)
         self.batch, self.schedule = batch, flow_steps(sampler, steps, weights.prior_std)
-        self._euler = sampler == "euler"
         self.action_dim, self.observation_dim = weights.action_dim, weights.observation_dim
         kernel = load_kernel()
         self.engine = engine or kernel.engines()[0]
@@ -168,8 +167,8 @@ class CompiledPolicy:
 
     @property
     def sampler(self) -> Sampler | None:
-        """Itself, where the kernel knows how to integrate the flow."""
-        return self if self._euler else None
+        """Itself."""
+        return self
 
     def knows(self, steering: Steering) -> bool:
         """Whether the kernel can guide so; see `Sampler.knows`."""
@@ -245,6 +244,7 @@ def _build(
         contiguous(weights.observation),
         contiguous(weights.time_part(tau)),
         contiguous(weights.prior_gain(tau)),
+        np.array(schedule),
         tuple(contiguous(matrix) for matrix in weights.matrices[:-1]),
         tuple(contiguous(bias) for bias in weights.biases[1:-1]),
         contiguous(weights.matrices[-1].T),
