@@ -18,7 +18,7 @@ COLOURS: Final = ("0.93 0.72 0.1 1", "0.16 0.47 0.75 1", "0.8 0.28 0.22 1", "0.2
 SERVO_M_S: Final = 0.005
 """A wheel's motor holds against a push as great as its load where the rim is so much slower than told."""
 _HEAD: Final = f"""<mujoco model="team">
-<option timestep="{STEP_S}" integrator="implicitfast"><flag autoreset="disable"/></option>
+<option timestep="{STEP_S}" integrator="implicitfast"><flag autoreset="disable" island="disable"/></option>
 <visual><global offwidth="1920" offheight="1080"/><quality shadowsize="4096" offsamples="8"/>
 <headlight ambient="0.4 0.4 0.4" diffuse="0.4 0.4 0.4"/></visual>
 <default>

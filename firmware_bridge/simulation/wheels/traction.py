@@ -32,8 +32,7 @@ class Traction:
         self._friction, self._radius_m = friction, base.wheel_radius_m
         ahead, left = np.array(WHEELS, np.float64).T
         self._ahead_m, self._left_m = ahead * base.wheelbase_m / 2, left * base.track_m / 2
-        axes = np.stack([np.ones(4), -ahead * left], -1) / np.sqrt(2.0)
-        self._grip = axes[:, :, None] * axes[:, None] if base.mecanum else np.tile(np.eye(2), (4, 1, 1))
+        self._axes = np.stack([np.ones(4), -ahead * left], -1) / np.sqrt(2.0) if base.mecanum else None
 
     def slip_m_s(self, velocity: Floats, rates: Floats) -> Floats:
         """How the feet of the wheels slip.
@@ -51,8 +50,10 @@ class Traction:
 
     def forces_n(self, slip_m_s: Floats, load_n: Floats) -> Floats:
         """The ground's on the feet (N, 4, 2), of their slip (N, 4, 2) and loads (N, 4)."""
-        gripped = np.einsum("wij,nwj->nwi", self._grip, slip_m_s)
-        speed = np.linalg.norm(gripped, axis=-1)
+        axes, gripped = self._axes, slip_m_s
+        if axes is not None:
+            gripped = (slip_m_s * axes).sum(-1, keepdims=True) * axes
+        speed = np.hypot(gripped[..., 0], gripped[..., 1])
         pull = self._friction / np.maximum(speed, self._friction * YIELD_M_S)
         forces: Floats = -(load_n * pull)[..., None] * gripped
         return forces
