@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-SPREAD, WIDTH, STEPS, BATCH, RATE = 0.2, 96, 3000, 512, 2e-2
+SPREAD, WIDTH, STEPS, BATCH, RATE = 0.2, 96, 2000, 512, 2e-2
 REACH_M, CLEARANCE_M, SPEED_M_S = 2.0, 0.3, 0.35
 
 
