@@ -68,7 +68,7 @@ class Guide(msgspec.Struct, frozen=True):
     start_noise: float
     """Deviation of the flow's start."""
     ease_m: float
-    """How much farther away than they are the policy sees teammates; 0 without a safety margin."""
+    """How much farther away than they are the policy sees teammates; 0 where no margin keeps them apart."""
     digest: int
     """See `digest_of`."""
     sensor: RangeSensor | None = None
@@ -134,10 +134,16 @@ def make_guide(
         preferences=tuple(m for m in places if active[m].preference),
         requirements=tuple(m for m in places if not active[m].preference),
         start_noise=settings.start_noise if start == "noise" else 0.0,
-        ease_m=settings.ease_m if any(isinstance(each, SafetyMargin) for each in active) else 0.0,
+        ease_m=settings.ease_m if corrected and _kept_apart(active, sensor) else 0.0,
         digest=digest_of(followed),
         sensor=sensor if model.dims == 2 else None,
     )
+
+
+def _kept_apart(objectives: Sequence[Objective], sensor: RangeSensor | None) -> bool:
+    """Whether a margin keeps the robots from touching each other; a subclass may cost something else."""
+    touching_m = 2.0 * sensor.radius_m if sensor else 0.0
+    return any(type(each) is SafetyMargin and each.distance_m >= touching_m for each in objectives)
 
 
 def _term(

@@ -40,9 +40,9 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
     ease_m: float = 0.0
-    """While a safety margin is asked for, the policy sees teammates this much farther away by its ranges than
-    they are, and leaves the distance to the margin: of two policies that shy away from each other, neither
-    passes. Real readings, which may be of anything, stay as they are."""
+    """While a safety margin of two radii or more corrects the actions, the policy sees teammates this much
+    farther away by its ranges than they are, and leaves the distance to the margin: of two policies that shy
+    away from each other, neither passes. Real readings, which may be of anything, stay as they are."""
 
     def __post_init__(self) -> None:
         numbers = ("scale", "reach", "start_noise", "ease_m")

@@ -14,6 +14,7 @@ from edge_runtime.control.mission import Mission
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.guide import digest_of, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.motion.body import Body
 from edge_runtime.objectives import SafetyMargin, Spacing, SpeedLimit
 from edge_runtime.policy.bundle import Bundle
 
@@ -113,3 +114,20 @@ def test_teammates_are_eased_while_a_margin_keeps_the_distance():
     unguarded = (limit,), (limit, replace(margin, weight=0.0)), ()
     assert [make_guide(ObjectiveSet(each, settings), DYNAMICS).ease_m for each in unguarded] == [0.0] * 3
     assert make_guide(ObjectiveSet((margin,), settings), DYNAMICS, guided=False).ease_m == 0.0
+
+
+def test_nothing_is_eased_where_no_margin_keeps_robots_from_touching():
+    class Own(SafetyMargin, frozen=True, kw_only=True, tag="own"):
+        """May cost something else."""
+
+    settings = GuidanceSettings(ease_m=0.1)
+    body = Body(radius_m=0.1, lidar_rays=12, lidar_range_m=0.35)
+
+    def ease_m(margin, **changes):
+        asked = ObjectiveSet((margin,), replace(settings, **changes))
+        return make_guide(asked, DYNAMICS, sensor=body.sensor()).ease_m
+
+    margin = SafetyMargin(distance_m=0.2)
+    assert ease_m(margin) == ease_m(margin, mode="correction") == 0.1
+    assert ease_m(SafetyMargin(distance_m=0.19)) == ease_m(Own(distance_m=0.3)) == 0.0
+    assert {ease_m(margin, mode=mode) for mode in ("none", "hierarchical", "cone")} == {0.0}
