@@ -13,6 +13,7 @@ from edge_runtime.common.arrays import Array, Floats
 from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.objectives import Objective
+from edge_runtime.policy.backend import make_policy
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.velocity_field import VelocityField
 from export.episodes.ease import eased
@@ -60,7 +61,7 @@ class _Flat:
 
     def __init__(self, field: VelocityField) -> None:
         self._field, self.observe, self.velocity = field, field.observe, field.velocity
-        self.action_dim, self.schedule = field.action_dim, field.schedule
+        self.action_dim, self.schedule, self.sampler = field.action_dim, field.schedule, None
 
     def step(self, k: int, action: Floats) -> Array:
         velocity = self._field.step(k, action).copy()
@@ -69,7 +70,8 @@ class _Flat:
 
 
 def _field(bundle: Bundle, settings: Guided, batch: int) -> VelocityField | _Flat:
-    field = bundle.policy(batch)
+    weights, manifest = bundle.weights, bundle.manifest
+    field = make_policy(weights, manifest.steps, batch, manifest.sampler) if weights else bundle.policy(batch)
     return field if settings.jacobian else _Flat(field)
 
 

@@ -18,7 +18,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 def steering_page(rows: Sequence[SteeringRow]) -> str:
     """The whole page."""
-    parts = [NOTE]
+    seeds = ", ".join(sorted({str(row.seed) for row in rows}))
+    parts = [NOTE, f"Policies of seeds {seeds}, {rows[0].episodes} episodes of each."]
     for (scene, noise), own in _grouped(rows, lambda row: (row.scene, row.settings.guidance.start_noise)):
         title = f"## {SCENES[scene].title}" + ", the flow started at its mean" * (noise == 0.0)
         parts += [title, scene_table(own)]
@@ -36,7 +37,9 @@ def scene_table(rows: Sequence[SteeringRow]) -> str:
         error = 200.0 * (share * (1.0 - share) / count) ** 0.5
         worst = max(_mean_of([row.broken[k] for row in best]) for k in range(len(best[0].broken)))
         cells = [f"{100.0 * share:.1f} ± {error:.1f}", f"{_mean(best, 'arrived'):.1f}", f"{worst:.1f}"]
-        lines.append((share, [way, f"{eta:g}" if eta > 1e-6 else "", *cells]))
+        lines.append(
+            (share, [way, "" if best[0].settings.guidance.mode == "correction" else f"{eta:g}", *cells])
+        )
     ordered = [line for _, line in sorted(lines, key=lambda each: -each[0])]
     return table(["way", "eta", "success, %", "arrived, %", "broken, %"], ordered)
 

@@ -3,8 +3,6 @@
 from benchmarks.paper.settings import Guided
 from edge_runtime.guidance.settings import GuidanceSettings, Mode
 
-VANISHING = 1e-9
-"""An eta that leaves objectives active and the flow as it is."""
 SCALES = (3.0, 30.0)
 """eta of every way along the flow; the best one counts."""
 
@@ -32,4 +30,4 @@ def ways(noise: float) -> dict[str, list[Guided]]:
         name: [_way(mode, scale, noise, **changes) for scale in SCALES]
         for name, (mode, changes) in along.items()
     }
-    return {"corrected only": [_way("terminal", VANISHING, noise)], **steered}
+    return {"corrected only": [_way("correction", SCALES[0], noise)], **steered}

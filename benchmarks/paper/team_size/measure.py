@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import torch
+from msgspec.structs import replace
 
 from benchmarks.paper.evaluation import EVALUATION_SEED, commit
 from benchmarks.paper.frequency import tick_s
@@ -33,7 +34,9 @@ FARTHEST_GOAL_M = 2.0 * ARENA_HALF_WIDTH_M
 def measure(team: Team, seed: int, policy: Path, episodes: int) -> TeamRow:
     """Play and sum up."""
     task, bundle = TASKS["navigation"], load_bundle(policy)
-    make_decide = decider(task, tuned_default(task.name), bundle)
+    tuned = tuned_default(task.name)
+    eased = replace(tuned, guidance=replace(tuned.guidance, ease_m=team.ease_m))
+    make_decide = decider(task, eased, bundle)
     make_decide = familiar(make_decide) if team.familiar else make_decide
     setting = Setting(episodes=episodes, episodes_seed=EVALUATION_SEED, neighbours=team.neighbours)
     noise, world = 10_000 * EVALUATION_SEED, make_world(team, episodes)

@@ -69,11 +69,16 @@ def main(arguments: Sequence[str]) -> int:
 
 def team_page(chapters: dict[str, list[Team]], rows: Sequence[TeamRow]) -> str:
     """All teams in Markdown, chapter by chapter."""
-    parts = [NOTE]
+    parts = [NOTE, _circumstances(rows)]
     for name, own in chapters.items():
         lines = [_line(team, [row for row in rows if row.team == team]) for team in own]
         parts += [f"## {name}", table(HEADER, lines)] * bool(lines)
     return page("Teams of other sizes", "team_size", *parts)
+
+
+def _circumstances(rows: Sequence[TeamRow]) -> str:
+    seeds = ", ".join(sorted({str(row.seed) for row in rows}))
+    return f"Policies of seeds {seeds}, {rows[0].episodes} episodes of each."
 
 
 def _line(team: Team, rows: Sequence[TeamRow]) -> list[str]:

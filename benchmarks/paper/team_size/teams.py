@@ -11,6 +11,7 @@ from export.scenarios.navigation import ARENA_HALF_WIDTH_M, ROBOTS
 SIZES = (2, 3, 4, 6, 8, 16, 32)
 HEARD = (3, 7)
 NARROW = (1.5, 2.0, 3.0)
+EASE_M = 0.1
 MIXED_KG = (0.5, 1.0, 2.0)
 """Masses of a mixed team's robots, in turn; the policy and its guidance know robots of 1 kg."""
 
@@ -25,6 +26,8 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """K, the nearest that guidance hears of; None for all."""
     mixed: bool = False
     """Whether robots weigh `MIXED_KG` in turn."""
+    ease_m: float = 0.0
+    """How much farther away than they are the policy sees teammates: see `GuidanceSettings.ease_m`."""
     familiar: bool = False
     """Whether robots observe places and goals only as far away as in training; see `measure.familiar`."""
 
@@ -84,10 +87,12 @@ class TeamRow(Team, frozen=True, kw_only=True):
 def teams() -> Iterator[tuple[str, list[Team]]]:
     """All teams, by what they show."""
     yield "Size, at the training's density", [Team(robots=size) for size in SIZES]
-    large = [size for size in SIZES if size > max(HEARD)]
+    large = [size for size in SIZES if size > max(HEARD) + 1]
     heard = [Team(robots=size, neighbours=count) for size in large for count in HEARD]
     yield "Only the nearest heard", heard
     yield "Less room", [Team(robots=8, crowding=crowding) for crowding in NARROW]
     yield "Masses of 0.5, 1 and 2 kg in turn", [Team(robots=size, mixed=True) for size in (4, 8, 16)]
-    larger = [size for size in SIZES if size > ROBOTS]
-    yield "Far places and goals observed as in training", [Team(robots=n, familiar=True) for n in larger]
+    yield "Teammates seen 10 cm farther away", [Team(robots=n, ease_m=EASE_M) for n in SIZES if n > ROBOTS]
+    crowded = [Team(robots=8, crowding=crowding, ease_m=EASE_M) for crowding in NARROW]
+    yield "Teammates seen 10 cm farther away, in less room", crowded
+    yield "Far places and goals observed as in training", [Team(robots=n, familiar=True) for n in large]
