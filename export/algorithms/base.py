@@ -24,7 +24,6 @@ class TrainingSettings:
     """Samples of single robots in one gradient step."""
     ratio_change: float | None = None
     """Mean |ratio - 1| that the actor's learning rate is adapted to keep; None leaves the rate alone."""
-    discount: float = 0.97
     gae_lambda: float = 0.9
     learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3

@@ -44,6 +44,7 @@ FACTS = ScenarioFacts(
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.35),
     training_steps=100,
     evaluation_steps=200,
+    discount=0.97,
     failure="collision",
 )
 """``goal_offset`` is position minus goal, ``proximity`` the sensor's range (0.35 m) minus its readings."""

@@ -45,6 +45,7 @@ FACTS = ScenarioFacts(
     body=Body(radius_m=RADIUS_M, lidar_rays=12, lidar_range_m=0.2, lidar_start_rad=0.05),
     training_steps=100,
     evaluation_steps=100,
+    discount=0.97,
     failure="collision",
     failure_decides=False,
 )

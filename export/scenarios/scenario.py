@@ -24,6 +24,8 @@ class ScenarioFacts(Spaces):
     """Length of a training episode, in control steps; the critic bootstraps beyond it."""
     evaluation_steps: int
     """Time limit of an evaluated episode, in control steps."""
+    discount: float
+    """Of rewards, a control step: how far ahead training looks."""
     motion: MotionModel
     body: Body
     failure: str

@@ -9,7 +9,7 @@ from export.training.checkpoint import CHECKPOINT
 
 FRAMES_PER_S = {"mappo": 8_000, "pc-mappo": 7_000, "mafpo": 4_000, "mafpo-chain": 4_000, "mafpo-warm": 3_500}
 """Control steps in a second on one core of a workstation, validation included: assumed where no run tells."""
-RUN_BYTES = 12_000_000
+RUN_BYTES = 2_000_000
 """What a finished run takes on the disk, about."""
 
 
@@ -17,12 +17,16 @@ def cost(jobs: Sequence[Job], at_once: int) -> str:
     """Tell how many frames are left, and about how long that takes if so many are trained at once."""
     frames = sum(_left(job) for job in jobs)
     seconds = sum(_left(job) / _rate(job) for job in jobs)
-    hours = seconds / max(min(at_once, len(jobs)), 1) / 3600
+    elapsed = seconds / max(min(at_once, len(jobs)), 1)
     space = sum(RUN_BYTES for job in jobs if not (job.directory / CHECKPOINT).exists())
     return (
-        f"{len(jobs)} to train: {frames / 1e6:.1f} million frames, {seconds / 3600:.1f} core hours, "
-        f"about {hours:.1f} h with {at_once} at once, {space / 1e9:.1f} GB"
+        f"{len(jobs)} to train: {frames / 1e6:.1f} million frames, {_duration(seconds)} of one core, "
+        f"about {_duration(elapsed)} with {at_once} at once, {space / 1e6:.0f} MB"
     )
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds / 3600:.1f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
 
 
 def _left(job: Job) -> int:

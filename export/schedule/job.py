@@ -13,8 +13,8 @@ from export.algorithms.mappo import Mappo
 from export.training.checkpoint import CHECKPOINT, load
 from export.training.lock import wait_until_free
 
-FRAMES = {"navigation": 3_000_000, "balance": 6_000_000, "sampling": 4_000_000}
-"""Control steps of every algorithm, by task: where curves have ended."""
+FRAMES = {"navigation": 3_000_000, "balance": 5_000_000, "sampling": 4_000_000}
+"""Control steps of every algorithm, by task; `python -m benchmarks curves` draws where learning ends."""
 SEEDS = 10
 LOG = "log.txt"
 

@@ -76,7 +76,7 @@ class Trainer:
         self._generator = generator
         self._reward_moments = RunningMoments(1).to(workers.device)
         self._discounted = torch.zeros(scenario.environments, facts.robots, device=workers.device)
-        self._rate = settings.learning_rate
+        self._discount, self._rate = facts.discount, settings.learning_rate
         self._averaged = AveragedModel(
             algorithm.actor, avg_fn=partial(_averaged, settings.averaging), use_buffers=True
         )
@@ -112,13 +112,13 @@ class Trainer:
         """Estimate advantages and value targets, and record the likelihoods before the update."""
         settings = self.settings
         value = self._value(rollout.observation)
-        reward = self._scaled(rollout) + settings.discount * rollout.cut_value
+        reward = self._scaled(rollout) + self._discount * rollout.cut_value
         advantage = advantages(
             reward,
             value,
             self._value(rollout.last_observation),
             rollout.done,
-            discount=settings.discount,
+            discount=self._discount,
             gae_lambda=settings.gae_lambda,
         )
         team = team_views(self.algorithm.actor.moments(rollout.observation))
@@ -199,7 +199,7 @@ class Trainer:
         """Rewards (K, B, N) over the running deviation of their discounted sums."""
         sums = []
         for reward, done in zip(rollout.reward, rollout.done, strict=True):
-            self._discounted = self.settings.discount * self._discounted + reward
+            self._discounted = self._discount * self._discounted + reward
             sums.append(self._discounted)
             self._discounted = self._discounted * (~done)[:, None]
         self._reward_moments.update(torch.stack(sums)[..., None], self.workers)

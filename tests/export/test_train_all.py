@@ -136,7 +136,7 @@ def test_the_cost_is_told_before_and_counts_what_is_left(tmp_path, monkeypatch, 
     assert main([*flags, "--seeds", "2"]) == 0
     told = capsys.readouterr().out
     hours = 3 * half / speed / 3600
-    assert f"2 to train: {3 * half / 1e6:.1f} million frames, {hours:.1f} core hours" in told
+    assert f"2 to train: {3 * half / 1e6:.1f} million frames, {hours:.1f} h of one core" in told
     assert f"about {hours / 2:.1f} h with 2 at once" in told
 
 
