@@ -8,7 +8,7 @@ from benchmarks.latency.cases import MODELS, Case, workload
 from benchmarks.latency.contenders import CONTENDERS
 from benchmarks.latency.measure import Timing, interleave, stolen_share
 
-NAMES = ("compiled", "compiled-step", "numpy")
+NAMES = ("compiled", "compiled-own", "numpy")
 
 
 def measure(rounds: int = 40, slot_s: float = 0.05) -> dict[str, Timing]:

@@ -4,16 +4,19 @@ A contender is a function without arguments that computes one tick and returns t
 compute the same: `disagreement` holds them to it before anything is timed.
 """
 
+import dataclasses
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from benchmarks.latency.cases import Workload
 from edge_runtime.errors import PolicyError
 from edge_runtime.guidance.flow import guided_action
+from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from edge_runtime.policy.compiled_policy import CompiledPolicy
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from edge_runtime.policy.velocity_field import VelocityField
@@ -38,18 +41,26 @@ def numpy_runtime(work: Workload) -> Tick:
 
 
 def compiled(work: Workload) -> Tick:
-    """The compiled kernel with the whole loop in it where there is one robot."""
+    """The compiled kernel with the whole loop in it, for one robot or for several."""
     case = work.case
     return _runtime(CompiledPolicy(work.weights, case.steps, case.batch, case.sampler), work)
 
 
-class _SteppedPolicy(CompiledPolicy):
-    sampler = None
+class _OwnLimit(SpeedLimit, frozen=True, kw_only=True, tag="own_limit"):
+    """As one's own, the kernel asks Python for it."""
 
 
-def compiled_step(work: Workload) -> Tick:
-    """The compiled kernel with objectives and projections in Python, as an objective of one's own has it."""
-    return _runtime(_SteppedPolicy(work.weights, work.case.steps, work.case.batch), work)
+class _OwnMargin(SafetyMargin, frozen=True, kw_only=True, tag="own_margin"):
+    """As one's own, the kernel asks Python for it."""
+
+
+def compiled_own(work: Workload) -> Tick:
+    """The compiled kernel with every objective in Python, as those of one's own are."""
+    own: list[Objective] = [
+        (_OwnLimit if isinstance(each, SpeedLimit) else _OwnMargin)(**msgspec.structs.asdict(each))
+        for each in work.objectives
+    ]
+    return compiled(dataclasses.replace(work, objectives=tuple(own)))
 
 
 def onnx_step(work: Workload) -> Tick:
@@ -122,7 +133,7 @@ CONTENDERS: dict[str, Callable[[Workload], Tick]] = {
     "onnx-step": onnx_step,
     "onnx-loop": onnx_loop,
     "numpy": numpy_runtime,
-    "compiled-step": compiled_step,
+    "compiled-own": compiled_own,
     "compiled": compiled,
 }
 

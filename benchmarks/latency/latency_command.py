@@ -13,6 +13,7 @@ from benchmarks.latency import (
     limit,
     loop,
     machine,
+    native,
     orin_nano,
     paced,
     samplers,
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str]) -> int:
         if flags.json:
             write_result(flags.json, rows)
         return 3 if noise else 0
-    if flags.actions or flags.jetson or flags.sixteen_bits:
+    if flags.actions or flags.kernel or flags.jetson or flags.sixteen_bits:
         for line in _small_part(flags):
             print(line)
         return 0
@@ -68,6 +69,8 @@ def main(arguments: Sequence[str]) -> int:
 def _small_part(flags: argparse.Namespace) -> Iterable[str]:
     if flags.actions:
         return actions.lines(actions.measure())
+    if flags.kernel:
+        return native.lines(native.measure())
     return [orin_nano.describe() if flags.jetson else sixteen_bits.measure()]
 
 
@@ -76,6 +79,7 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--short", action="store_true", help="the default case and its budgets only")
     parser.add_argument("--loop", action="store_true", help="the real loop from pose to command only")
     parser.add_argument("--actions", action="store_true", help="two, three and four action components only")
+    parser.add_argument("--kernel", action="store_true", help="what the kernel takes over, and batches only")
     parser.add_argument("--samplers", action="store_true", help="samplers, their steps and modes only")
     parser.add_argument("--jetson", action="store_true", help="the estimate for a Jetson Orin Nano only")
     parser.add_argument(

@@ -6,7 +6,7 @@ import msgspec
 
 from benchmarks.latency.cases import Case
 
-CONTENDERS = ("eager", "onnx-step", "numpy", "compiled-step", "compiled")
+CONTENDERS = ("eager", "onnx-step", "numpy", "compiled-own", "compiled")
 """Timed in every sweep; torch.compile and the unrolled graph take too long to prepare for each case."""
 
 

@@ -9,7 +9,7 @@ from networks import ENGINES, needs_kernel
 
 from benchmarks import __main__ as entry
 from benchmarks.common.result_file import read_result, write_result
-from benchmarks.latency import budgets, limit, machine, paced, samplers
+from benchmarks.latency import budgets, limit, machine, native, paced, samplers
 from benchmarks.latency import latency_command as command
 from benchmarks.latency.budgets import Budget, judge, load_budgets
 from benchmarks.latency.cases import DEFAULT, Case, workload
@@ -134,7 +134,7 @@ def test_a_changing_clock_is_noise():
 def test_budgets_name_contenders_and_only_ratios():
     known = {*CONTENDERS, "limit"}
     loaded = load_budgets()
-    assert {budget.backend for budget in loaded} == {"numpy", "compiled-step", "compiled"}
+    assert {budget.backend for budget in loaded} == {"numpy", "compiled-own", "compiled"}
     assert all(budget.backend in known and budget.against in known for budget in loaded)
 
 
@@ -224,3 +224,11 @@ def test_an_unknown_measurement_lists_the_known(monkeypatch, capsys):
 
 def test_the_engines_are_described():
     assert command._engine() == (ENGINES[0] if ENGINES else "")
+
+
+@needs_kernel
+def test_what_the_kernel_takes_over_is_told_in_lines():
+    told = [*native.lines(native.measure(rounds=1, slot_s=1e-3))]
+    assert len(told) == 4 + len(native.BATCHES)
+    assert told[1].startswith("Sampling's fence, cluster, margin and speed: ")
+    assert all(" times" in line for line in told[1:])
