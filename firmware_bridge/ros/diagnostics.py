@@ -12,16 +12,15 @@ from edge_runtime.doctor.finding import Finding, Verdict, examine, fail, ok, war
 from firmware_bridge.guard.diagnostics import firmware_timeout, stopping_distances
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.ros.bridge import RosFlags, make_spec
-from firmware_bridge.ros.client import Client, Graph, Item, Pressed
+from firmware_bridge.ros.client import Client, Item, Pressed
 from firmware_bridge.ros.inbox import Inbox
 from firmware_bridge.ros.link import make_parts
 from firmware_bridge.ros.odometry import Odometer, Odometry
-from firmware_bridge.ros.opening import check_graph, expected_types, lost, missing
+from firmware_bridge.ros.opening import discover, expected_types, lost, missing
 from firmware_bridge.ros.profile import RosProfile
 
 LISTEN_S: Final = 3.0
 """For discovery, and once more for the robot to speak."""
-ASK_AGAIN_S: Final = 0.1
 
 
 def examine_link(mission: Mission, options: RosFlags) -> Iterator[Finding]:
@@ -66,8 +65,7 @@ def topics(client: Client, profile: RosProfile) -> Finding:
     Raises:
         ConfigError, BridgeError: as `check_graph`.
     """
-    graph = _discovered(client, profile)
-    check_graph(graph, profile, client.name)
+    graph = discover(client, profile, LISTEN_S)
     if found := missing(graph, profile):
         return fail(lost(found, graph, profile, client.where))
     seen = [f"{name} ({kind})" for name, kind in expected_types(profile).items() if graph.topic(name).types]
@@ -134,11 +132,3 @@ class Heard:
             self._odometer.take(item)
         elif isinstance(item, Pressed):
             self._pressed = item.pressed
-
-
-def _discovered(client: Client, profile: RosProfile) -> Graph:
-    """Ask for the graph until the robot is whole, or long enough."""
-    end_s = time.monotonic() + LISTEN_S
-    while missing(graph := client.graph(), profile) and time.monotonic() < end_s:
-        time.sleep(ASK_AGAIN_S)
-    return graph

@@ -20,7 +20,7 @@ from firmware_bridge.kinematics.base import BaseMotion, motion_for, turning
 from firmware_bridge.ros.client import Client, Graph, Item, Pressed, Sight, Taken
 from firmware_bridge.ros.inbox import Inbox
 from firmware_bridge.ros.odometry import Odometer, Odometry, Origin
-from firmware_bridge.ros.opening import check_graph, lost, missing, rivals_said
+from firmware_bridge.ros.opening import discover, lost, missing, rivals_said
 from firmware_bridge.ros.profile import RosProfile, load_profile
 
 STANDSTILL: Final = BaseMotion()
@@ -28,7 +28,6 @@ OPENING_S: Final = 10.0
 """For finding the robot's nodes, and once more for its first odometry."""
 STOP_HEARD_S: Final = 1.0
 """For the emergency stop's state, where somebody publishes it."""
-ASK_AGAIN_S: Final = 0.1
 
 
 class RosOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -171,19 +170,10 @@ class RosLink:
             yield self._profile.period_s
 
     def _find(self) -> Graph:
-        """Ask for the graph until the robot is in it, and so long after that nobody new will be."""
-        now_s = time.monotonic()
-        end_s, settled_s = now_s + OPENING_S, math.inf
-        while True:
-            graph = self._client.graph()
-            check_graph(graph, self._profile, self._client.name)
-            found, now_s = missing(graph, self._profile), time.monotonic()
-            settled_s = math.inf if found else min(settled_s, now_s + self._client.settling_s)
-            if now_s >= settled_s:
-                return graph
-            if found and now_s >= end_s:
-                raise BridgeError(lost(found, graph, self._profile, self._client.where))
-            time.sleep(ASK_AGAIN_S)
+        graph = discover(self._client, self._profile, OPENING_S)
+        if found := missing(graph, self._profile):
+            raise BridgeError(lost(found, graph, self._profile, self._client.where))
+        return graph
 
     def _await(self, settled: Callable[[], bool], longest_s: float) -> None:
         end_s = time.monotonic() + longest_s

@@ -1,13 +1,16 @@
 """Before a robot is driven: does ROS's graph hold what the profile says? One line for each misfit."""
 
+import math
+import time
 from typing import Final
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.ros.client import Graph
+from firmware_bridge.ros.client import Client, Graph
 from firmware_bridge.ros.profile import RosProfile
 
 ODOMETRY_TYPE: Final = "nav_msgs/Odometry"
 STOP_TYPE: Final = "std_msgs/Bool"
+ASK_AGAIN_S: Final = 0.1
 _SHOWN: Final = 8
 
 
@@ -40,6 +43,27 @@ def check_graph(graph: Graph, profile: RosProfile, own_name: str) -> None:
         raise BridgeError(f"{rivals_said(rivals, profile.command)}: end it, or it will fight this guard")
     if len(tellers := graph.topic(profile.odometry).publishers) > 1:
         raise BridgeError(f"{profile.odometry} comes from {_listed(tellers)}: one robot has one odometry")
+
+
+def discover(client: Client, profile: RosProfile, longest_s: float) -> Graph:
+    """Ask for the graph until the robot is in it, and so long after that nobody new will be.
+
+    Returns:
+        The last one; the robot may be `missing` from it.
+
+    Raises:
+        ConfigError, BridgeError: as `check_graph`, as soon as it finds something.
+    """
+    now_s = time.monotonic()
+    end_s, settled_s = now_s + longest_s, math.inf
+    while True:
+        graph = client.graph()
+        check_graph(graph, profile, client.name)
+        found, now_s = missing(graph, profile), time.monotonic()
+        settled_s = math.inf if found else min(settled_s, now_s + client.settling_s)
+        if now_s >= settled_s or (found and now_s >= end_s):
+            return graph
+        time.sleep(ASK_AGAIN_S)
 
 
 def missing(graph: Graph, profile: RosProfile) -> str:

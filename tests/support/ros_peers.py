@@ -195,9 +195,9 @@ def stopped(bridge: GuardedBridge) -> str:
 
 
 @contextlib.contextmanager
-def master(monkeypatch):
-    """A ROS 1 master on a port of its own."""
-    host, port = free_port()
+def master(monkeypatch, place=None):
+    """A ROS 1 master at a host and port, by default of its own."""
+    host, port = place or free_port()
     monkeypatch.setenv("ROS_MASTER_URI", f"http://{host}:{port}")
     monkeypatch.setenv("ROS_IP", host)
     process = subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL)

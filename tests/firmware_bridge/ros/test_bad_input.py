@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import time
+from urllib.parse import urlsplit
 
 import pytest
 from ros_peers import NAMESPACE, SPEED_M_S, Ros, domain, drive, master, needs_ros1, needs_ros2, stopped
@@ -263,12 +264,20 @@ def test_another_domain_does_not_know_the_robot(ros2, monkeypatch):
 
 
 @needs_ros1
-def test_a_master_that_dies_is_a_lost_robot_and_stays_so_when_it_returns(ros1, tmp_path):
+def test_a_master_that_dies_is_a_lost_robot_and_stays_so_when_it_returns(ros1, monkeypatch, tmp_path):
     with ros1.peer() as robot, driving(ros1, robot, ros1.profile_with(tmp_path)) as bridge:
         ros1.master.kill()
         line = stopped(bridge)
         assert "no answer from the ROS master" in line
         assert ends_with_zeros(robot)
+        place = urlsplit(os.environ["ROS_MASTER_URI"])
+        ros1.master.wait()
+        with master(monkeypatch, (place.hostname, place.port)):
+            # It has forgotten everybody: who wants to be known must register again.
+            assert "nobody listens on /cmd_vel, and nobody else is there" in refused(ros1)
+            assert bridge.phase is Phase.STOPPED
+            with ros1.peer() as again, driving(ros1, again, ros1.profile_with(tmp_path)):
+                pass
 
 
 @needs_ros1
