@@ -10,7 +10,9 @@ PEERS := tests/support/peers/node_modules
 WIRE := tests/firmware_bridge/guard tests/firmware_bridge/can tests/firmware_bridge/mavlink \
 	tests/firmware_bridge/ros
 ROS_COVERAGE := tests/support/ros/coverage.ini
-ON_ARM := $(addprefix tests/edge_runtime/,policy guidance motion objectives control) \
+ON_ARM := arm-policy arm-rest
+arm-policy: TESTS := $(addprefix tests/edge_runtime/,policy guidance)
+arm-rest: TESTS := $(addprefix tests/edge_runtime/,motion objectives control) \
 	$(addprefix tests/firmware_bridge/,guard/test_core.py guard/test_wire.py can/test_codec.py can/test_e2e.py \
 	can/test_layout.py mavlink/test_codec.py mavlink/test_signing.py) \
 	tests/test_compatibility.py::test_a_log_of_an_earlier_version_replays
@@ -21,7 +23,7 @@ PYTEST := -m pytest -n auto --dist worksteal
 export OMP_NUM_THREADS := 1
 
 .PHONY: run test check lint types unit integration coverage oldest aarch64 sil budgets fuzz mutants \
-	socketcan chromium peers docs wheels deb clean
+	socketcan chromium peers docs wheels deb clean $(ON_ARM)
 
 run: $(ROBOT)/ready  ## Four simulated robots reach their goals inside two objectives
 	$(ROBOT)/bin/edge-run --robot-id 0
@@ -41,7 +43,7 @@ unit: $(DEV)/ready
 	$(DEV)/bin/python $(PYTEST)
 
 integration: $(DEV)/ready socketcan chromium peers  ## Against a kernel, a browser, other people's code; teams
-	$(DEV)/bin/python -m pytest -m integration
+	$(DEV)/bin/python -m pytest -m integration -n auto --dist loadfile --ignore=tests/firmware_bridge/ros
 
 ros: $(DEV)/ready  ## Robots of ROS 1 and ROS 2 by other people's libraries, each line of the link run
 	@PYTHON=$(DEV)/bin/python sh tests/support/ros/install.sh build/ros
@@ -54,7 +56,9 @@ ros: $(DEV)/ready  ## Robots of ROS 1 and ROS 2 by other people's libraries, eac
 	    $(DEV)/bin/python -m coverage report --rcfile=$(ROS_COVERAGE); fi
 
 coverage: $(DEV)/ready  ## Every line and branch of the guard, both codecs and the ROS link is run by their own tests
-	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)
+	mkdir -p build && rm -f build/coverage*
+	$(DEV)/bin/python -m coverage run $(PYTEST) $(WIRE)
+	$(DEV)/bin/python -m coverage combine -q
 	$(DEV)/bin/python -m coverage report
 
 oldest:  ## The runtime's own tests on the oldest Python
@@ -69,10 +73,13 @@ aarch64: $(DEV)/ready  ## The robot's processor, emulated: what computes actions
 	@sh tests/support/aarch64/install.sh
 	@if command -v qemu-aarch64 >/dev/null; then \
 	    PYTHON=$(DEV)/bin/python sh tests/support/aarch64/prepare.sh $(ARM) && \
-	    CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(ON_ARM) && \
+	    $(MAKE) --no-print-directory -j 2 $(ON_ARM) && \
 	    rm -f $(ARM)/arm.mcap && \
 	    sh tests/support/aarch64/python.sh $(ARM) tests/support/aarch64/decide.py $(OLD_LOG) $(CURDIR)/$(ARM)/arm.mcap && \
 	    $(DEV)/bin/edge-replay $(ARM)/arm.mcap; fi
+
+$(ON_ARM):  # halves that run beside each other
+	CI=true sh tests/support/aarch64/python.sh $(ARM) -m pytest -p no:cacheprovider $(TESTS)
 
 # What measures time ends with 3 if the machine was too busy to tell: it says so, and proves nothing.
 sil: $(DEV)/ready  ## Teams of real processes in the loop, a few seconds each

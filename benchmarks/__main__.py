@@ -21,6 +21,7 @@ COMMANDS = {
     "oracle": "benchmarks.paper.oracle.oracle_command",
     "page": "benchmarks.common.result_page",
     "paper": "benchmarks.paper.paper_command",
+    "peers": "benchmarks.faults.peers",
     "pictures": "benchmarks.pictures",
     "rate": "benchmarks.rate",
     "recording": "benchmarks.recording.recording_command",

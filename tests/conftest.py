@@ -25,8 +25,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
-    """Add what `make fuzz` asks for."""
+    """Add what `make fuzz` and `python -m benchmarks peers` ask for."""
     parser.addoption("--fuzz", action="store_true", help="make all cases of tests/fuzz, not a few of each")
+    parser.addoption("--commands", type=int, default=20, help="to every ROS peer, at 20 Hz")
 
 
 if importlib.util.find_spec("torch") is None:

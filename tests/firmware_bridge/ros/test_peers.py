@@ -10,7 +10,6 @@ from waiting import HANG_S
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.guard.guarded_bridge import GuardedBridge
-from firmware_bridge.guard.wire import Phase
 from firmware_bridge.ros.client import Trouble
 from firmware_bridge.ros.profile import load_profile, profile_path
 from firmware_bridge.ros.ros2 import make_client
@@ -37,13 +36,15 @@ def ros(request, monkeypatch):
         yield ros
 
 
-def test_each_command_arrives_once_and_the_stop_last(ros):
+def test_each_command_arrives_once_and_the_stop_last(ros, request, tmp_path):
+    wanted = request.config.getoption("commands")
     # Cyclone DDS has no parameters: nobody tells a timeout.
     known = ros.library != "cyclone"
     with ros.peer() as robot:
-        spec = msgspec.structs.replace(ros.spec(), allow_unsafe_firmware_timeout=not known)
+        patient = ros.spec(profile=ros.profile_with(tmp_path))
+        spec = msgspec.structs.replace(patient, allow_unsafe_firmware_timeout=not known)
         with GuardedBridge(spec) as bridge:
-            drive(bridge, lambda: bridge.phase is Phase.DRIVING and bridge.counts.forwarded >= 20)
+            drive(bridge, lambda: bridge.counts.forwarded >= wanted, period_s=0.05)
             bridge.stop("enough")
             counts = bridge.counts
         robot.wait(lambda: robot.forward()[-3:] == [0.0, 0.0, 0.0])

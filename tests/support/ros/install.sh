@@ -27,16 +27,22 @@ fi
 # The wheels are for x86-64 and CPython 3.11; robots bring their own.
 "$python" -c 'import platform, sys; sys.exit((platform.machine(), sys.version_info[:2]) != ("x86_64", (3, 11)))' ||
     skip "Python 3.11 on x86-64, for which there are wheels of rclpy"
+installing=
 for distribution in kilted jazzy cyclone; do
     environment=$folder/$distribution
     wanted=$here/$distribution.txt
-    if ! cmp -s "$wanted" "$environment/installed.txt"; then
+    cmp -s "$wanted" "$environment/installed.txt" && continue
+    # All at once: most of it is waiting for the index and the disk.
+    {
         rm -rf "$environment"
-        "$python" -m venv "$environment"
-        "$environment/bin/pip" install --quiet --require-hashes -r "$wanted" ||
-            skip "$distribution.txt, which pip could not install"
-        cp "$wanted" "$environment/installed.txt"
-    fi
+        "$python" -m venv "$environment" &&
+            "$environment/bin/pip" install --quiet --require-hashes -r "$wanted" &&
+            cp "$wanted" "$environment/installed.txt"
+    } &
+    installing="$installing $!"
+done
+for process in $installing; do
+    wait "$process" || skip "what pip could not install of $here/*.txt"
 done
 # Messages for rosnodejs are generated once, from Debian's definitions.
 if ! cmp -s "$here/peers/package.json" "$folder/node/installed.json"; then
