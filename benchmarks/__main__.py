@@ -25,6 +25,7 @@ COMMANDS = {
     "pictures": "benchmarks.pictures",
     "rate": "benchmarks.rate",
     "recording": "benchmarks.recording.recording_command",
+    "samplers": "benchmarks.paper.samplers.samplers_command",
     "sil": "benchmarks.sil.sil_command",
     "steering": "benchmarks.paper.steering.steering_command",
     "tasks": "benchmarks.paper.driven",

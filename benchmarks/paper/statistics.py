@@ -45,3 +45,17 @@ def equivalence(one: Sequence[float], other: Sequence[float], margin: float = EQ
     above = stats.ttest_ind(shifted + margin, other, equal_var=False, alternative="greater").pvalue
     below = stats.ttest_ind(shifted - margin, other, equal_var=False, alternative="less").pvalue
     return float(max(above, below))
+
+
+def paired(differences: Sequence[float]) -> tuple[float, float]:
+    """Mean and its standard error of differences between pairs; nan with fewer than two."""
+    error = float(stats.sem(differences)) if len(differences) > 1 else float("nan")
+    return float(np.mean(differences)), error
+
+
+def paired_equivalence(differences: Sequence[float], margin: float) -> float:
+    """The greater p-value of two one-sided t-tests that pairs differ by ``margin`` or more in the mean."""
+    mean, error = paired(differences)
+    if error == 0.0:
+        return float(abs(mean) >= margin)
+    return float(stats.t.sf((margin - abs(mean)) / error, len(differences) - 1))

@@ -32,7 +32,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     mode: Mode = "terminal"
     """How conflicts are resolved: the projection, and whether the finished action is corrected."""
-    scale: float = 10.0
+    scale: float = 0.3
     """eta of eq. 10; mode ``correction`` knows only whether it is zero."""
     reach: float = 0.5
     """How far preferences (formations, clusters) may move the finished action, in units of the action;

@@ -23,7 +23,7 @@ from benchmarks.paper.policies import SEEDS, find_policy
 from benchmarks.paper.possible import Ended
 from benchmarks.paper.rows import Key, Question, Row, make_row
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Shield
-from benchmarks.paper.statistics import equivalence, summarise, welch
+from benchmarks.paper.statistics import equivalence, paired, paired_equivalence, summarise, welch
 from benchmarks.paper.tables import share_table, success_table
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import Tried, chosen, read_tuned
@@ -365,6 +365,17 @@ def test_every_method_was_tuned_over_its_candidates():
         for method in METHODS:
             own = [row.settings for row in tried if (row.task, row.method) == (task, method)]
             assert sorted(own, key=str) == sorted(candidates(method), key=str)
+
+
+def test_pairs_are_equivalent_when_their_difference_is_small_and_certain():
+    draw = np.random.default_rng(0)
+    differences = draw.normal(0.1, 0.5, 10)
+    above = stats.ttest_1samp(differences, -1.0, alternative="greater").pvalue
+    below = stats.ttest_1samp(differences, 1.0, alternative="less").pvalue
+    assert paired_equivalence(differences, 1.0) == pytest.approx(max(above, below))
+    assert paired_equivalence(differences + 2.0, 1.0) > 0.5
+    assert (paired_equivalence([0.5] * 3, 1.0), paired_equivalence([1.0] * 3, 1.0)) == (0.0, 1.0)
+    assert paired([1.0, 3.0]) == (2.0, 1.0)
 
 
 def test_statistics_over_seeds():

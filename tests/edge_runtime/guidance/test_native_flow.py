@@ -97,7 +97,7 @@ def agree(found, expected, tolerance=1e-6):
     assert (found.conflicts, found.opposed) == (expected.conflicts, expected.opposed)
 
 
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=150, derandomize=True, deadline=None)
 @given(
     model=st.sampled_from([model for model in EXAMPLES.values() if model.action_dim <= 4]),
     asked=objectives,
@@ -167,7 +167,7 @@ def test_robots_at_one_place_part_alike(dims):
 HOSTILE = [math.nan, math.inf, -math.inf, 1e300, -1e300, 1e100, 1e12, 5e-324, -0.0, 0.0, 0.1]
 
 
-@settings(max_examples=300, derandomize=True)
+@settings(max_examples=300, derandomize=True, deadline=None)
 @given(
     asked=objectives,
     guidance=guidance,
