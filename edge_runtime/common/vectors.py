@@ -5,6 +5,10 @@ is to be repeated bit for bit. Two components, the plane's, are written out: loo
 """
 
 from collections.abc import Sequence
+from typing import Final
+
+new_tuple: Final = tuple.__new__
+"""Past the constructor of named tuples, which takes longer than most of what is computed for one."""
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:

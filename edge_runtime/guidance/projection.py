@@ -49,6 +49,8 @@ def weighted_sum(gradients: Sequence[Vector], factors: Sequence[float]) -> Vecto
 
 def harmonize(gradients: Sequence[Vector], factors: Sequence[float]) -> Vector:
     """Eq. 14 and the weighted sum, of at least one direction."""
+    if len(gradients[0]) == 2:
+        return _harmonize_in_the_plane(gradients, factors)
     total: Vector = (0.0,) * len(gradients[0])
     for m, kept in enumerate(gradients):
         for n, other in enumerate(gradients):
@@ -58,6 +60,21 @@ def harmonize(gradients: Sequence[Vector], factors: Sequence[float]) -> Vector:
                     kept = plus(kept, -opposing / square, other)
         total = plus(total, factors[m], kept)
     return total
+
+
+def _harmonize_in_the_plane(gradients: Sequence[Vector], factors: Sequence[float]) -> Vector:
+    """The same, written out: it runs in every step of a robot that is guided in Python."""
+    sum_x = sum_y = 0.0
+    for m, (x, y) in enumerate(gradients):
+        for n, (other_x, other_y) in enumerate(gradients):
+            if n != m and (opposing := x * other_x + y * other_y) < 0.0:
+                square = other_x * other_x + other_y * other_y
+                if square > 0.0:
+                    x += -opposing / square * other_x
+                    y += -opposing / square * other_y
+        sum_x += factors[m] * x
+        sum_y += factors[m] * y
+    return (sum_x, sum_y)
 
 
 def project_onto_nominal(guidance: Vector, nominal: Vector) -> Vector:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from edge_runtime.common.vectors import new_tuple
 from edge_runtime.messages import RobotState
 from edge_runtime.motion.prediction import Columns, PredictedMotion, Preview, pulled_back
-
-_new = tuple.__new__
-"""Past the constructor of named tuples, which takes longer than a motion of the plane."""
 
 Row = tuple[float, ...]
 """One number for each of d action components."""
@@ -160,7 +158,7 @@ class LinearPreview(msgspec.Struct, frozen=True, gc=False):
         (x, vx), (y, vy), *_ = moved
         z, vz = moved[2] if self.dims == 3 else (0.0, 0.0)
         heading, yaw_rate = moved[-1] if self.turns else (0.0, 0.0)
-        return _new(PredictedMotion, (x, y, vx, vy, z, vz, heading, yaw_rate))
+        return new_tuple(PredictedMotion, (x, y, vx, vy, z, vz, heading, yaw_rate))
 
     def pull_back(self, slope: Sequence[float]) -> Row:
         """See `Jacobian.pull_back`."""
@@ -200,7 +198,7 @@ class PlanarPreview(msgspec.Struct, frozen=True, gc=False):
         (x, y), (vx, vy) = state.position_m, state.velocity_m_s
         reach, keep = self.position_decay, self.velocity_decay
         drift = (x + reach * vx, y + reach * vy, keep * vx, keep * vy, 0.0, 0.0, 0.0, 0.0)
-        return PlanarForecast(_new(PredictedMotion, drift), self)
+        return PlanarForecast(new_tuple(PredictedMotion, drift), self)
 
     def predict(self, state: RobotState, action: Sequence[float]) -> PredictedMotion:
         """See `Preview.predict`."""
@@ -209,7 +207,7 @@ class PlanarPreview(msgspec.Struct, frozen=True, gc=False):
         shift, push = self.position_gain, self.velocity_gain
         x, vx = x + reach * vx + shift * ux, keep * vx + push * ux
         y, vy = y + reach * vy + shift * uy, keep * vy + push * uy
-        return _new(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0))
+        return new_tuple(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0))
 
     def pull_back(self, slope: Sequence[float]) -> Row:
         """See `Jacobian.pull_back`."""
@@ -230,4 +228,4 @@ class PlanarForecast(msgspec.Struct, frozen=True, gc=False):
         shift, push = preview.position_gain, preview.velocity_gain
         x, vx = drift[0] + shift * ax, drift[2] + push * ax
         y, vy = drift[1] + shift * ay, drift[3] + push * ay
-        return _new(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0)), preview
+        return new_tuple(PredictedMotion, (x, y, vx, vy, 0.0, 0.0, 0.0, 0.0)), preview

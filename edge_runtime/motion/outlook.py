@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from edge_runtime.common.vectors import new_tuple
 from edge_runtime.messages import TeamState, TrackedObject, Vector2
 from edge_runtime.motion.prediction import Forecast, PredictedMotion, Preview
 
@@ -73,9 +74,9 @@ def look_ahead(
         horizon_s: how far that time lies ahead, for tracked objects.
         sees_team: False leaves the neighbours out, for whom they are nothing.
     """
-    new, predict, own = tuple.__new__, preview.predict, team.own
-    neighbours = [  # past the slower constructor of named tuples
-        new(Neighbour, (mate.state.robot_id, *predict(mate.state, mate.intended_action)))
+    predict, own = preview.predict, team.own
+    neighbours = [
+        new_tuple(Neighbour, (mate.state.robot_id, *predict(mate.state, mate.intended_action)))
         for mate in (team.teammates + team.silent if sees_team else ())
     ]
     dims = preview.dims

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import ClassVar
 
+from edge_runtime.common.vectors import new_tuple
 from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Neighbour, Outlook
 from edge_runtime.motion.prediction import PredictedMotion
@@ -61,7 +62,7 @@ def keep_clear(
             d_x -= push * dx
             d_y -= push * dy
             d_z -= push * dz
-    return Slope(cost, d_x, d_y, 0.0, 0.0, d_z)
+    return new_tuple(Slope, (cost, d_x, d_y, 0.0, 0.0, d_z, 0.0, 0.0, 0.0))
 
 
 def standing(x: float, y: float, z: float, outlook: Outlook) -> Neighbour:

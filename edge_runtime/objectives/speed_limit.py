@@ -3,6 +3,7 @@
 import math
 from typing import ClassVar
 
+from edge_runtime.common.vectors import new_tuple
 from edge_runtime.messages import Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.motion.prediction import PredictedMotion
@@ -37,7 +38,7 @@ class SpeedLimit(Objective, frozen=True, kw_only=True, tag="speed_limit"):
             return Slope(0.0)
         cure = excess / outlook.preview.velocity_gain
         pull = cure / (outlook.preview.velocity_gain * speed)
-        return Slope(0.5 * cure * cure, 0.0, 0.0, pull * vx, pull * vy, 0.0, pull * vz)
+        return new_tuple(Slope, (0.5 * cure * cure, 0.0, 0.0, pull * vx, pull * vy, 0.0, pull * vz, 0.0, 0.0))
 
     def kernel_numbers(self) -> Vector:
         """See `Objective.kernel_numbers`."""
