@@ -8,11 +8,13 @@ from msgspec.structs import replace
 
 from benchmarks.paper.settings import Descent, Guided, Settings
 from benchmarks.paper.tasks import Task
+from edge_runtime.objectives import SafetyMargin
 
 VANISHING = 1e-9
 """An eta that leaves objectives active and the flow as it is."""
 UNLIMITED = 1e3
 """A reach that no action can use up."""
+EASES_CM = (5, 10, 15)
 LOSSES = (0.2, 0.5, 0.8)
 
 
@@ -41,6 +43,8 @@ def variants(task: Task, tuned: Guided, descent: Descent) -> Iterator[Variant]:
     yield from _guidance(tuned)
     if task.deconfliction:
         yield from _deconfliction(tuned, descent)
+    if any(isinstance(objective, SafetyMargin) for objective in task.objectives):
+        yield from _ease(tuned)
     yield from _priorities(task, tuned)
     yield from _look_aheads(task, tuned)
     yield from _network(task, tuned)
@@ -72,6 +76,14 @@ def _deconfliction(tuned: Guided, descent: Descent) -> Iterator[Variant]:
     yield Variant(method, "The baseline as tuned, to compare the next row with.", method, descent)
     reason = "What keeping out of each other's way brings without a guided flow."
     yield Variant(f"{method}, deconfliction on", reason, method, helped)
+
+
+def _ease(tuned: Guided) -> Iterator[Variant]:
+    """Teammates seen farther away than they are, the distance left to the margin."""
+    for centimetres in EASES_CM:
+        eased = replace(tuned.guidance, ease_m=centimetres / 100.0)
+        reason = "The policy sees teammates so much farther away: the distance is the margin's alone."
+        yield _changed(f"ease {centimetres} cm", reason, tuned, guidance=eased)
 
 
 def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:

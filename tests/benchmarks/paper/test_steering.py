@@ -5,6 +5,7 @@ import dataclasses
 import msgspec
 import pytest
 import torch
+from paths import ROOT
 
 from benchmarks.common.result_file import read_result
 from benchmarks.paper.methods import decider
@@ -13,7 +14,7 @@ from benchmarks.paper.steering import steering_command
 from benchmarks.paper.steering.judge import SceneJudge
 from benchmarks.paper.steering.rows import SteeringRow
 from benchmarks.paper.steering.scenes import SCENES, head_on
-from benchmarks.paper.steering.steering_page import scene_table
+from benchmarks.paper.steering.steering_page import scene_table, steering_page
 from benchmarks.paper.steering.ways import ways
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.guidance.settings import GuidanceSettings
@@ -108,3 +109,10 @@ def test_rows_resume_and_the_best_scale_counts(tmp_path, monkeypatch, capsys):
     assert len(read_result(path, list[SteeringRow])) == 3
     assert "| cone | 30 | 75.0 " in capsys.readouterr().out
     assert scene_table(rows[1:2]).splitlines()[2].startswith("| cone | 3 | 50.0")
+
+
+def test_the_documentation_has_the_recorded_tables():
+    page = steering_page(read_result(steering_command.RESULTS, list[SteeringRow]))
+    assert (steering_command.RESULTS.parent / "paper" / "steering.md").read_text() == page
+    shown = (ROOT / "docs" / "guidance.md").read_text()
+    assert all(line in shown for line in page.splitlines() if line.startswith("|"))
