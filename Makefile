@@ -56,9 +56,7 @@ ros: $(DEV)/ready  ## Robots of ROS 1 and ROS 2 by other people's libraries, eac
 	    $(DEV)/bin/python -m coverage report --rcfile=$(ROS_COVERAGE); fi
 
 coverage: $(DEV)/ready  ## Every line and branch of the guard, both codecs and the ROS link is run by their own tests
-	mkdir -p build && rm -f build/coverage*
-	$(DEV)/bin/python -m coverage run $(PYTEST) $(WIRE)
-	$(DEV)/bin/python -m coverage combine -q
+	$(DEV)/bin/python -m coverage run -m pytest $(WIRE)
 	$(DEV)/bin/python -m coverage report
 
 oldest:  ## The runtime's own tests on the oldest Python

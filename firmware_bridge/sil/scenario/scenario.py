@@ -212,6 +212,11 @@ def _asked_table(request: Request, folder: Path) -> Table:
 def _check_rights(request: Request, faults: tuple[AnyFault, ...]) -> None:
     if any(isinstance(fault, ClockJump) for fault in faults):
         _check_clock()
+    if request.realtime and request.bridge in ROS:
+        # Seen on two cores: threads of four guards' rospy kept both from everybody else for minutes.
+        raise ConfigError(
+            f"--realtime: not with --bridge {request.bridge}: its library's threads would go before all else"
+        )
     if request.realtime:
         before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
         try:

@@ -359,6 +359,7 @@ def test_a_team_of_one(tmp_path):
         (["--log-dir", "/proc/x"], "--log-dir /proc/x: cannot be written"),
         (["--limits", "same.toml", "--json", "same.toml"], "--json same.toml: would overwrite a file"),
         (["--quick"], "unrecognized arguments: --quick"),
+        (["--bridge", "ros1", "--realtime"], "--realtime: not with --bridge ros1"),
     ],
 )
 def test_bad_input_is_one_line_and_starts_nothing(flags, complaint, capsys, monkeypatch):
