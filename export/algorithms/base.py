@@ -33,7 +33,7 @@ class TrainingSettings:
     """Whether what normalises observations goes on following them. A policy that changes little cannot
     follow it: where one begins well trained, it stays."""
     gradient_limit: float = 1.0
-    averaging: float = 0.95
+    averaging: float = 0.8
     """Share of the averaged weights that a late update leaves in place: these are validated and deployed."""
     validation_every: int = 25
     """Updates between two validations; a checkpoint follows every update."""

@@ -134,7 +134,7 @@ def test_checkpoint_of_a_version_without_averaged_weights_is_refused(finished, t
     state = load(finished / "checkpoint.pt")
     del state["identity"]["averaging"], state["trainer"]["averaged"]
     torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(ConfigError, match=r"averaging None, not 0\.95"):
+    with pytest.raises(ConfigError, match=r"averaging None, not 0\.8"):
         TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
 
 
