@@ -102,7 +102,7 @@ def test_the_fleet_file_loads(page, robots, tmp_path):
     assert [robot.id for robot in fleet.robots] == robots
 
 
-OBJECTIVES = [("speed_limit", "safety_margin"), ("spatial_order", "passing")]
+OBJECTIVES = [("speed_limit", "safety_margin"), ("safety_margin",), ("spatial_order", "passing")]
 """Of the page's first files; the last one is a fleet file."""
 
 
