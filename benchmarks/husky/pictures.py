@@ -2,7 +2,7 @@
 
 Huskies in three moments of an episode, LIMOs in three of one as under the paper's projector, and a moving
 picture of the Huskies. Each robot draws its way in its colour, and a ring marks its goal. It needs off-screen
-OpenGL: with ``MUJOCO_GL=egl`` a driver's or Mesa's, and ``pip install pyopengl``.
+OpenGL: ``MUJOCO_GL=egl`` takes a driver's or Mesa's.
 """
 
 from collections.abc import Sequence
@@ -48,8 +48,8 @@ class Shot(NamedTuple):
     """Its colour; a chequered floor where None."""
 
 
-HUSKIES: Final = Shot(Case("husky", 4, 0.7, "CFPG"), 207, 17.0, 90.0, -42.0)
-LIMOS: Final = Shot(Case("limo", 4, 0.7, "CFPG"), 53, 5.2, 90.0, -62.0, (0.09, 0.1, 0.13, 1.0))
+HUSKIES: Final = Shot(Case("husky", 4, 0.7, "CFPG"), 207, 12.5, 90.0, -48.0)
+LIMOS: Final = Shot(Case("limo", 4, 0.7, "CFPG"), 53, 5.0, 90.0, -64.0, (0.09, 0.1, 0.13, 1.0))
 
 
 class Film(NamedTuple):
@@ -77,7 +77,7 @@ class Camera:
         model = self._world.model
         model.stat.extent = 14.0 * self._unit
         model.vis.map.zfar = 4.0
-        model.light_pos[0] = (0.0, 0.0, 12.0 * self._unit)
+        model.light_dir[0] = (0.0, 0.0, -1.0)  # from aside, the ground would shade itself
         if shot.ground:
             model.geom_matid[GROUND] = -1
             model.geom_rgba[GROUND] = shot.ground
@@ -87,6 +87,8 @@ class Camera:
 
     def picture(self, film: Film, tick: int) -> Image.Image:
         """Draw a tick, with the ways that led there."""
+        seen = np.concatenate([film.places_m.reshape(-1, 2), film.goals_m])
+        self._view.lookat[:2] = (seen.min(0) + seen.max(0)) / 2
         self._world.data.qpos[:] = film.attitudes[tick]
         mujoco.mj_forward(self._world.model, self._world.data)
         self._renderer.update_scene(self._world.data, self._view)
@@ -136,13 +138,24 @@ def main(arguments: Sequence[str]) -> int:
     _side_by_side(Camera(LIMOS, PANEL), recorded(LIMOS)).save(folder / "limos.png", optimize=True)
     camera, last = Camera(HUSKIES, FILM), len(huskies.attitudes) - 1
     pictures = [camera.picture(huskies, tick) for tick in range(0, last + 1, FILM_STEP)]
-    frames = [picture.quantize(64, dither=Image.Dither.NONE) for picture in pictures]
+    palette = _palette(pictures[-1])
+    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     frame_ms = round(1e3 * FILM_STEP * packaged_bundle(TASK).manifest.motion.dt_s / FILM_SPEED)
     held = [frame_ms] * (len(frames) - 1) + [2000]
     frames[0].save(folder / "husky.gif", save_all=True, append_images=frames[1:], duration=held, loop=0)
     for name in ("huskies.png", "limos.png", "husky.gif"):
         print(f"{folder / name}: {(folder / name).stat().st_size / 1e3:.0f} kB")
     return 0
+
+
+def _palette(picture: Image.Image) -> Image.Image:
+    """Colours of the ground, which fills most of a picture, and those of the little that is colourful."""
+    most, least = (
+        picture.quantize(128, how) for how in (Image.Quantize.MEDIANCUT, Image.Quantize.MAXCOVERAGE)
+    )
+    both = Image.new("P", (1, 1))
+    both.putpalette([*(most.getpalette() or ())[: 3 * 128], *(least.getpalette() or ())[: 3 * 128]])
+    return both
 
 
 def _side_by_side(camera: Camera, film: Film) -> Image.Image:

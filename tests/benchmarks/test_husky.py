@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from paths import ROOT
 
 from benchmarks.common.result_file import read_result
 
@@ -105,3 +106,19 @@ def test_the_packaged_fleet_is_asked_what_was_measured():
     assert margin == SafetyMargin(distance_m=asked.margin_m, buffer_m=asked.margin_reserve_m)
     task = task_of("husky")
     assert task.objectives[0].limit_m_s * asked.scale_m == pytest.approx(asked.limit_m_s)
+
+
+def test_the_page_states_what_was_measured():
+    rows, order = read_result(command.RESULTS, list[command.Row]), cases()
+    told = command.husky_table(sorted(rows, key=lambda row: order.index(row.case)))
+    assert told in (ROOT / "docs" / "wheels.md").read_text()
+
+
+@pytest.mark.parametrize("robots", [4, 16])
+def test_guided_huskies_arrive_inside_their_limits(robots):
+    """Without contact; what the limit is broken for is no more than half a percent of the time."""
+    least = {4: 95.0, 16: 90.0}[robots]
+    for row in read_result(command.RESULTS, list[command.Row]):
+        if (row.base, row.robots, row.method) == ("husky", robots, "CFPG"):
+            assert min(row.arrived, row.margin_kept) >= least, row
+            assert row.speeding <= 0.5, row

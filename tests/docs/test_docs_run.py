@@ -22,6 +22,7 @@ from ports import free_port
 from waiting import HANG_S
 
 WORKSTATION = all(map(importlib.util.find_spec, ("torch", "onnx")))
+WHEELS = importlib.util.find_spec("mujoco")
 POLICIES = ROOT / "edge_runtime" / "bundles"
 DURATION_S = "0.4"
 
@@ -155,6 +156,8 @@ def test_a_pages_commands_run_in_its_order(page, folder, log):
     for module, arguments, output in RUN[page.name]:
         line = described(module, arguments)
         if not WORKSTATION and re.search(r"^(export|benchmarks)\b|--task (balance|sampling) ", line):
+            continue
+        if not WHEELS and "--task husky " in line:
             continue
         words = [path for word in arguments for path in expanded(word, folder, log)]
         code, told = first(EXPECTED, line) or (0, "")
