@@ -26,7 +26,7 @@ Way = tuple[int | None, dict[str, Any]]
 CORRECTION: dict[str, Any] = {"mode": "correction"}
 STRONG: dict[str, Any] = {"scale": 10.0}
 WAYS: dict[str, tuple[Way, ...]] = {
-    "navigation": ((None, {}), (3, {}), (3, CORRECTION)),
+    "navigation": ((None, {}), (3, {}), (3, CORRECTION), (3, STRONG)),
     "balance": ((None, {}), (3, {}), (3, CORRECTION)),
     "sampling": ((None, {}), (3, {}), (3, CORRECTION), (4, {}), (4, CORRECTION), (4, STRONG)),
 }

@@ -34,7 +34,7 @@ def test_the_command_asks_nothing_twice(in_process, tmp_path):
         (each.exponential_steps, each.seed, how.mode, how.scale)
         for each, how in zip(in_process, guidance, strict=True)
     ]
-    few = [("terminal", 0.3), ("correction", 0.3)]
+    few = [("terminal", 0.3), ("correction", 0.3), ("terminal", 10.0)]
     assert ways == [
         *((None, seed, "terminal", 0.3) for seed in (0, 1)),
         *((3, seed, *way) for way in few for seed in (0, 1)),
