@@ -114,6 +114,17 @@ def test_the_page_states_what_was_measured():
     assert told in (ROOT / "docs" / "wheels.md").read_text()
 
 
+def test_the_readme_states_the_worst_of_the_grounds():
+    rows = [row for row in read_result(command.RESULTS, list[command.Row]) if row.method == "CFPG"]
+    found = [row for row in rows if (row.base, row.robots) == ("husky", 4)]
+    text = " ".join((ROOT / "README.md").read_text().split())
+    least, worst = min(min(row.arrived, row.margin_kept) for row in found), max(row.speeding for row in found)
+    told = f"of three grounds {least:.0f} of {found[0].episodes} episodes arrive without contact"
+    assert len(found) == 3
+    assert told in text
+    assert f"too fast for {worst:.2f} % of the time at most" in text
+
+
 @pytest.mark.parametrize("robots", [4, 16])
 def test_guided_huskies_arrive_inside_their_limits(robots):
     """Without contact; what the limit is broken for is no more than half a percent of the time."""
