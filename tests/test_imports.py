@@ -44,8 +44,8 @@ export
 benchmarks.common
 benchmarks.sil
 benchmarks.faults benchmarks.latency benchmarks.obstacles benchmarks.paper benchmarks.recording
-benchmarks.paper.ablation benchmarks.paper.modes benchmarks.paper.oracle benchmarks.paper.steering
-benchmarks.husky benchmarks.paper.team_size
+benchmarks.paper.ablation benchmarks.paper.modes benchmarks.paper.oracle benchmarks.paper.samplers
+benchmarks.husky benchmarks.paper.team_size benchmarks.paper.steering
 benchmarks
 """
 """Every package, a floor a line, the lowest first: imports lead to lower floors, or stay in the package."""
