@@ -153,7 +153,7 @@ class Odometer:
 
         Stamps count for no longer than a message may be late: a clock that leaps hides no jump.
         """
-        stamped_s = min(odometry.stamp_s - before.stamp_s, self._profile.stale_s) if before.stamp_s else 0.0
+        stamped_s = min(odometry.stamp_s - before.stamp_s, self._profile.stale_s)
         return max(odometry.arrival_s - before.arrival_s, stamped_s)
 
     def _delay(self, odometry: Odometry) -> None:

@@ -194,7 +194,14 @@ def test_and_it_is_driven_once_nobody_was(rig):
     rig.client.settling_s = 2.0
     rig.client.graphs = [Graph(WHOLE), Graph(), Graph(WHOLE)]
     rig.open()
-    assert 52.1 < rig.now < 52.6
+    assert 52.15 < rig.now < 52.6
+
+
+def test_a_robot_that_is_found_late_may_still_turn_out_to_be_somebody_elses(rig):
+    rig.client.settling_s = 2.0
+    rig.client.graphs = [*[Graph()] * 95, *[Graph(WHOLE)] * 15, Graph(WHOLE, (FakeClient.name,))]
+    with pytest.raises(BridgeError, match="is there already"):
+        rig.open()
 
 
 def changed(name, **changes):
