@@ -38,7 +38,7 @@ def measure(
         ticks |= {f"{name} {case}": CONTENDERS[name](workload(case)) for name in BACKENDS}
         ticks |= {f"{name} {case}": probe for name, probe in limit.probes(case).items()}
     timings = interleave(ticks, rounds, slot_s)
-    return list(_rows(timed, timings)), timings
+    return list(_rows(timed, timings)), timings | {"peak": timings[f"peak {timed[0]}"]}
 
 
 def _rows(timed: Sequence[Case], timings: Mapping[str, Timing]) -> list[LatencyRow]:
