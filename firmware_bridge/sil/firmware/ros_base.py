@@ -14,12 +14,12 @@ from edge_runtime.common.child import python_command
 from edge_runtime.errors import BridgeError
 from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.sil.firmware.firmware import Firmware, Heard
-from firmware_bridge.sil.firmware.ros_node import PACKET_BYTES, NodesTask, Stop, Twisted
+from firmware_bridge.sil.firmware.ros_node import PACKET_BYTES, NodesTask, Stop, Told, Twisted
 from firmware_bridge.sil.firmware.world import BaseState
 
 STOP_PERIOD_S: Final = 0.2
 """Of what the emergency stop says."""
-RosPacket = Twisted | BaseState | Stop
+RosPacket = Twisted | Told | Stop
 
 
 class RosBase(Firmware[RosPacket]):
@@ -45,7 +45,8 @@ class RosBase(Firmware[RosPacket]):
             self._stop_due_s = now_s + STOP_PERIOD_S
             yield Stop(self.pressed)
         if not self.stale:
-            yield state._replace(forward_m_s=math.nan) if self.not_finite else state
+            told = Told(state, time.time())
+            yield _not_finite(told) if self.not_finite else told
             self.on_pose(now_s)
 
     def _obeys(self) -> bool:
@@ -53,7 +54,11 @@ class RosBase(Firmware[RosPacket]):
 
     def _damaged(self, packet: RosPacket) -> RosPacket:
         """Nothing that ROS carries arrives damaged; what is not finite stands for it."""
-        return packet._replace(forward_m_s=math.nan) if isinstance(packet, BaseState) else packet
+        return _not_finite(packet) if isinstance(packet, Told) else packet
+
+
+def _not_finite(told: Told) -> Told:
+    return Told(told.state._replace(forward_m_s=math.nan), told.stamp_s)
 
 
 class RosWire:

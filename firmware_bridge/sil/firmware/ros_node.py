@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import msgspec
 
@@ -53,6 +53,13 @@ class Twisted(msgspec.Struct, frozen=True, array_like=True):
     yaw_rad_s: float
     arrival_s: float
     """Monotonic."""
+
+
+class Told(NamedTuple):
+    """Where a base is, and when that was measured, by the wall clock."""
+
+    state: BaseState
+    stamp_s: float
 
 
 class Stop(msgspec.Struct, frozen=True):
@@ -92,7 +99,7 @@ class Speaker:
         kinds: the messages Odometry and Bool.
         odometry: publishes the one.
         stop: publishes the other, where the robot has an emergency stop.
-        now: the time as that ROS writes it into headers.
+        stamp: a wall clock's time in s as that ROS writes it into headers.
     """
 
     def __init__(
@@ -100,14 +107,14 @@ class Speaker:
         kinds: tuple[Any, Any],
         odometry: Callable[[object], object],
         stop: Callable[[object], object] | None,
-        now: Callable[[], object],
+        stamp: Callable[[float], object],
     ) -> None:
-        self._kinds, self._odometry, self._stop, self._now = kinds, odometry, stop, now
+        self._kinds, self._odometry, self._stop, self._stamp = kinds, odometry, stop, stamp
 
-    def publish(self, state: BaseState) -> None:
-        """Tell where the base is."""
-        message = fill_odometry(self._kinds[0](), state)
-        message.header.stamp = self._now()
+    def publish(self, told: Told) -> None:
+        """Tell where the base is, and when it was there, however late this is."""
+        message = fill_odometry(self._kinds[0](), told.state)
+        message.header.stamp = self._stamp(told.stamp_s)
         self._odometry(message)
 
     def tell_stop(self, pressed: bool) -> None:
@@ -136,7 +143,7 @@ class Ros1Nodes:
         speak = partial(self._rospy.Publisher, queue_size=1, tcp_nodelay=True)
         stop = speak(profile.emergency_stop, kinds[1]).publish if profile.emergency_stop else None
         odometry = speak(profile.odometry, kinds[0]).publish
-        return Speaker(kinds, odometry, stop, lambda: self._rospy.Time.from_sec(time.time()))
+        return Speaker(kinds, odometry, stop, self._rospy.Time.from_sec)
 
     def close(self) -> None:
         """Leave ROS."""
@@ -147,8 +154,8 @@ class Ros2Nodes:
     """By rclpy: a node each, named by its controller's parameter."""
 
     def __init__(self, task: NodesTask) -> None:
-        names = ("rclpy", "rclpy.executors", "rclpy.qos", *MODULES)
-        self._rclpy, executors, self._qos, *messages = load(names, task.python_path)
+        names = ("rclpy", "rclpy.executors", "rclpy.qos", "builtin_interfaces.msg", *MODULES)
+        self._rclpy, executors, self._qos, self._time, *messages = load(names, task.python_path)
         self._geometry, self._nav, self._std = messages
         self._rclpy.init(args=[])
         self._timeout_s = task.timeout_s
@@ -171,7 +178,12 @@ class Ros2Nodes:
         stop = node.create_publisher(kinds[1], topic, quality).publish if topic else None
         odometry = node.create_publisher(kinds[0], profile.odometry, 10).publish
         self._executor.add_node(node)
-        return Speaker(kinds, odometry, stop, lambda: node.get_clock().now().to_msg())
+
+        def stamp(stamp_s: float) -> object:
+            whole_s, rest_s = divmod(stamp_s, 1.0)
+            return self._time.Time(sec=int(whole_s), nanosec=int(1e9 * rest_s))
+
+        return Speaker(kinds, odometry, stop, stamp)
 
     def close(self) -> None:
         """Leave ROS; the thread ends first."""
@@ -217,7 +229,7 @@ def _pass_on(link: socket.socket, speaker: Speaker) -> bool:
     """Publish one packet; returns whether there was any."""
     packet = link.recv(PACKET_BYTES)
     if packet:
-        told = msgspec.msgpack.decode(packet, type=BaseState | Stop)
+        told = msgspec.msgpack.decode(packet, type=Told | Stop)
         speaker.tell_stop(told.pressed) if isinstance(told, Stop) else speaker.publish(told)
     return bool(packet)
 
