@@ -90,7 +90,7 @@ def test_two_poses_a_period_that_jitter_do_not_make_ticks_jump_from_one_to_the_o
 @given(phase=phases, seed=st.integers(0, 2**16))
 @settings(max_examples=20)
 def test_a_pose_that_comes_sooner_than_expected_begins_its_tick(hz, phase, seed):
-    """Also while the loop waits for the moment at which it prepares; deadlines may be put off once meanwhile."""
+    """Also while the loop waits for the moment at which it prepares; deadlines may be put off meanwhile."""
     jitter = np.random.default_rng(seed).uniform(-0.001, 0.001, int(12 * hz))
     begun, _, ages, _ = run(np.array(steady(hz, phase)) + jitter, lead_s=0.0005)
     assert (ages[60:] > KEPT * PERIOD + TINY).mean() < 0.02
