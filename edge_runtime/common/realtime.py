@@ -59,6 +59,12 @@ def enter_realtime() -> None:
         ) from error
 
 
+def leave_realtime() -> None:
+    """Schedule this thread, and those that it begins from now on, as ordinary ones."""
+    if in_realtime():
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def in_realtime() -> bool:
     """Whether this process runs ahead of all ordinary ones."""
     return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO

@@ -11,7 +11,7 @@ from typing import Final, Literal
 import msgspec
 from msgspec.structs import replace
 
-from edge_runtime.common.realtime import switch_threads_often
+from edge_runtime.common.realtime import leave_realtime, switch_threads_often
 from edge_runtime.errors import BridgeError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
@@ -73,10 +73,14 @@ class RosLink:
     def open(self) -> None:
         """Find the robot in ROS's graph, refuse what does not fit, and hear it.
 
+        A runtime in real time has its guard inherit that. This one gives it back before ROS's library begins
+        its threads: nobody has shown that they always sleep, and they would lock out all else.
+
         Raises:
             ConfigError: if a topic carries another type than the profile's.
             BridgeError: if ROS or the robot is not there, somebody else has it, or it is silent.
         """
+        leave_realtime()
         switch_threads_often()
         self._client.connect()
         graph = self._find()

@@ -34,6 +34,17 @@ def test_permitted_means_scheduled_and_locked():
     assert done.stdout == "True 40\nTrue\n"
 
 
+def test_who_leaves_is_ordinary_again():
+    if not permitted():
+        pytest.skip("this machine refuses real-time scheduling")
+    done = in_process(
+        "import os\nfrom edge_runtime.common.realtime import enter_realtime, in_realtime, leave_realtime\n"
+        "enter_realtime()\nleave_realtime()\n"
+        "print(in_realtime(), os.sched_getscheduler(0) == os.SCHED_OTHER)\n"
+    )
+    assert done.stdout == "False True\n"
+
+
 def refuse(*_arguments):
     raise PermissionError(1, "Operation not permitted")
 

@@ -89,6 +89,12 @@ def test_a_whole_robot_is_opened_enabled_driven_and_stopped(rig):
     assert rig.client.log[-1] == "close"
 
 
+def test_the_librarys_threads_never_go_before_everything_else(rig, monkeypatch):
+    monkeypatch.setattr(link_module, "leave_realtime", lambda: rig.client.log.append("ordinary"))
+    rig.open()
+    assert rig.client.log[:2] == ["ordinary", "connect"]
+
+
 def test_a_rehearsal_publishes_nothing(rig):
     rig.open()
     rig.link.rehearse(Setpoint(0, rig.now, (0.0, 0.0), (0.5, 0.0)), rig.now)
