@@ -41,7 +41,9 @@ _WHOLE, _REAL = 2, 3
 class Ros2Client:
     """Implements ``Client``."""
 
-    settling_s = 2.0
+    settling_s = 4.0
+    """Fast DDS announces a node to everybody every 3 s (`leaseDuration_announcementperiod`): one whose first
+    announcements were lost is known after the next."""
 
     def __init__(
         self,
