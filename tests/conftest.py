@@ -32,7 +32,7 @@ def pytest_addoption(parser):
 
 if importlib.util.find_spec("torch") is None:
     # A robot's environment: leave out what tests the workstation's side.
-    modules = r"export|torch|vmas|onnx|matplotlib|benchmarks\.paper"
+    modules = r"export|torch|vmas|onnx|matplotlib|benchmarks\.(paper|husky)|foreign_policies|foreign_teams"
     workstation = re.compile(rf"^(from|import) ({modules})\b", re.MULTILINE)
     here = Path(__file__).parent
     collect_ignore = [
