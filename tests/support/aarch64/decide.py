@@ -18,8 +18,9 @@ source, target = map(Path, sys.argv[1:])
 records = []
 for record in read_log(source):
     if isinstance(record, Start):
-        bundle = packaged_bundle(record.bundle.name)
-        policy = CompiledPolicy(bundle.weights, bundle.manifest.steps)
+        then = record.bundle
+        bundle = packaged_bundle(then.name).sampled(then.sampler, then.euler_steps)
+        policy = CompiledPolicy(bundle.weights, then.euler_steps, sampler=then.sampler)
         replay = Replay(record, bundle, policy)
         record = replace(record, settings=replace(record.settings, engine=policy.engine))
     elif isinstance(record, LoggedObjectiveSet):
