@@ -44,6 +44,9 @@ def mjcf(base: WheeledBase, poses: Sequence[tuple[float, float, float]], payload
     Hulls are called ``robot0`` and so on, wheels ``wheel0_0`` to ``wheel0_3``; a robot's body is followed by
     its wheels'. A payload is a box on the hull of half its length, width and height.
     """
+    # MuJoCo's reader refuses numbers next to zero.
+    payload_kg = round(payload_kg, 9)
+    poses = [(round(x, 9), round(y, 9), round(heading, 9)) for x, y, heading in poses]
     robots = "".join(_robot(base, index, pose, payload_kg) for index, pose in enumerate(poses))
     load_n = GRAVITY_M_S2 * (base.mass_kg + payload_kg) / len(WHEELS)
     gain = load_n * base.wheel_radius_m**2 / SERVO_M_S

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from clocks import simulated_time
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.config.fleet import FLEETS
@@ -41,6 +41,7 @@ def test_a_robot_at_rest_stays(name):
 @pytest.mark.parametrize("name", BASES)
 @settings(max_examples=4, deadline=None)
 @given(speed=speeds, heading=st.floats(-3.0, 3.0), payload=st.floats(0.0, 1.0))
+@example(speed=0.5, heading=5e-324, payload=2e-313)
 def test_where_the_ground_grips_a_robot_is_where_dead_reckoning_has_it(name, speed, heading, payload):
     """After v / a of acceleration and a while at v: v^2 / 2 a + v t."""
     team, seconds = alone(name, 1.0, payload, heading), 2.0
