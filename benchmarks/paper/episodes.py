@@ -1,4 +1,4 @@
-"""Fresh episodes in VMAS, every action computed by the deployed numpy runtime."""
+"""Fresh episodes in VMAS, every action computed by the deployed runtime."""
 
 from collections.abc import Iterator
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""How B robots decide, on the deployed numpy runtime: guided flows, and what the paper compares them with."""
+"""How B robots decide, on the deployed runtime: guided flows, and what the paper compares them with."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
