@@ -125,6 +125,7 @@ $(OLDEST_VENV)/ready: EXTRAS := [test]
 $(OLDEST_VENV)/ready: PYTHON = $(OLDEST)
 $(ROBOT)/ready $(DEV)/ready $(OLDEST_VENV)/ready: $(SOURCES)
 	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --upgrade pip  # an old one's resolver may search for hours
 	$(@D)/bin/pip install --quiet --editable '.$(EXTRAS)'
 	touch $@
 
