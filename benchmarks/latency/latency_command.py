@@ -1,8 +1,9 @@
 """``python -m benchmarks latency``: the tick beside everything that a user would pick instead."""
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from benchmarks.common.flags import make_parser
 from benchmarks.common.result_file import read_result, write_result
@@ -34,6 +35,7 @@ from edge_runtime.policy.compiled_policy import load_kernel
 RESULTS = Path(__file__).parents[1] / "results" / "latency"
 ATTEMPTS = 3
 SMALL = Case(layers=(128, 128))
+Measured = TypeVar("Measured")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -48,7 +50,9 @@ def main(arguments: Sequence[str]) -> int:
         if flags.json:
             write_result(flags.json, rows)
         return 3 if noise else 0
-    if flags.actions or flags.kernel or flags.jetson or flags.sixteen_bits:
+    if flags.kernel:
+        return 3 if _kernel()[1] else 0
+    if flags.actions or flags.jetson or flags.sixteen_bits:
         for line in _small_part(flags):
             print(line)
         return 0
@@ -69,8 +73,6 @@ def main(arguments: Sequence[str]) -> int:
 def _small_part(flags: argparse.Namespace) -> Iterable[str]:
     if flags.actions:
         return actions.lines(actions.measure())
-    if flags.kernel:
-        return native.lines(native.measure())
     return [orin_nano.describe() if flags.jetson else sixteen_bits.measure()]
 
 
@@ -110,8 +112,8 @@ def run_short(
     names = [name for name in CONTENDERS if name in named]
     timings, rows, noise = _quiet_case(case, names, rounds, slot_s)
     verdicts = judge(budgets, timings)
-    for line in [*map(str, verdicts), *(f"INVALID, the machine is not quiet: {reason}" for reason in noise)]:
-        print(line)
+    print(*verdicts, sep="\n")
+    _print_noise(noise)
     if html:
         write_page(make_page(page.render_short(case, rows, verdicts, noise)), html)
     return rows, _exit_code(verdicts, noise)
@@ -126,6 +128,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
     verdicts = judge(load_budgets(), timings)
     _, small, small_noise = _quiet_case(SMALL, list(CONTENDERS), rounds=15, slot_s=0.1)
     sampled, sampled_noise = _samplers()
+    kernel, kernel_noise = _kernel()
     swept = [_quiet_case(case, SWEPT, rounds=5, slot_s=0.08) for case in _cases()]
     rows = [row for _, rows, _ in swept for row in rows]
     swept_noise = [reason for _, _, reasons in swept for reason in reasons]
@@ -139,6 +142,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
             *noise,
             *small_noise,
             *sampled_noise,
+            *kernel_noise,
             *swept_noise,
             *machine.wake_noise(machine_now),
             *driven_noise,
@@ -148,6 +152,7 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
         verdicts=verdicts,
         small=small,
         sampled=sampled,
+        kernel=kernel,
         growths=growths,
         paced=[row for row in outcomes if isinstance(row, LatencyRow)],
         refusals=sorted({text for text in outcomes if isinstance(text, str)}),
@@ -167,15 +172,33 @@ def _run_full(out: Path, html: Path | None) -> tuple[list[LatencyRow], int]:
 
 def _samplers() -> tuple[list[LatencyRow], list[str]]:
     """Rows of samplers and modes, and why they must not be believed."""
+    rows, noise = _until_quiet(samplers.measure)
+    print(page.render_samplers(rows))
+    _print_noise(noise)
+    return rows, [f"samplers: {reason}" for reason in noise]
+
+
+def _kernel() -> tuple[list[str], list[str]]:
+    """Lines on what the kernel takes over, and why they must not be believed."""
+    lines, noise = _until_quiet(native.measure)
+    print(*lines, sep="\n")
+    _print_noise(noise)
+    return lines, [f"kernel: {reason}" for reason in noise]
+
+
+def _until_quiet(measure: Callable[[], tuple[Measured, dict[str, Timing]]]) -> tuple[Measured, list[str]]:
+    """What was measured, again while the machine is disturbed, and why it must not be believed."""
     for _ in range(ATTEMPTS):
-        rows, timings = samplers.measure()
+        measured, timings = measure()
         noise = machine.noise(timings)
         if not noise:
             break
-    print(page.render_samplers(rows))
+    return measured, noise
+
+
+def _print_noise(noise: Sequence[str]) -> None:
     for reason in noise:
         print(f"INVALID, the machine is not quiet: {reason}")
-    return rows, [f"samplers: {reason}" for reason in noise]
 
 
 def _exit_code(verdicts: Sequence[BudgetVerdict], noise: Sequence[str]) -> int:
@@ -192,12 +215,13 @@ def _cases() -> list[Case]:
 def _quiet_case(
     case: Case, names: Sequence[str], rounds: int, slot_s: float
 ) -> tuple[dict[str, Timing], list[LatencyRow], list[str]]:
-    """Timings and rows of a case, and why they must not be believed: measured again while disturbed."""
-    for _ in range(ATTEMPTS):
+    """Timings and rows of a case, and why they must not be believed."""
+
+    def measure() -> tuple[dict[str, Timing], dict[str, Timing]]:
         timings = measure_case(case, names, rounds, slot_s)
-        noise = machine.noise(timings)
-        if not noise:
-            break
+        return timings, timings
+
+    timings, noise = _until_quiet(measure)
     rows = _contender_rows(case, timings)
     _print_rows(case, rows)
     return timings, rows, [f"{case}: {reason}" for reason in noise]

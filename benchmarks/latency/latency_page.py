@@ -1,6 +1,6 @@
 """The page that a full run writes: results beside the machine that they were measured on."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 
@@ -25,6 +25,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     """The 2x128 network."""
     sampled: list[LatencyRow]
     """Samplers, their steps and modes, see `benchmarks.latency.samplers`."""
+    kernel: list[str]
+    """What the kernel takes over, see `benchmarks.latency.native`."""
     growths: list[list[Growth]]
     """Of each sweep, every backend."""
     paced: list[LatencyRow]
@@ -51,6 +53,8 @@ def render(result: Result) -> str:
         _rows(result.small),
         "## Samplers: at equal T, and at equal success in the steps of the packaged policies",
         render_samplers(result.sampled),
+        "## What the kernel takes over, and batches",
+        _bullets(result.kernel),
         "## Start of the process to the first action",
         _footprints(result.footprints),
         "## In a loop that sleeps between deadlines",
@@ -66,10 +70,23 @@ def render(result: Result) -> str:
 
 
 def render_samplers(rows: Sequence[LatencyRow]) -> str:
-    """The table of samplers, their steps and modes; ratios are to eager PyTorch's row."""
+    """The table of samplers, their steps and modes.
+
+    Ratios are to eager PyTorch's row, and to the processor's limit of the same sampler, steps and mode.
+    """
     header = ["backend", "sampler", "T", "mode", "median µs", "best round", "p99", "p99.9", "times eager"]
-    lines = [[row.backend, row.sampler, str(row.T), row.mode, *_durations(row), _ratio(row)] for row in rows]
-    return table(header, lines)
+    least = {_way(row): row.ratio_to_eager for row in rows if row.backend == "limit"}
+    lines = [[row.backend, *_way(row), *_durations(row), _ratio(row), _over(row, least)] for row in rows]
+    return table([*header, "over the limit"], lines)
+
+
+def _way(row: LatencyRow) -> tuple[str, str, str]:
+    return row.sampler, str(row.T), row.mode
+
+
+def _over(row: LatencyRow, least: Mapping[tuple[str, str, str], float | None]) -> str:
+    limit = least.get(_way(row))
+    return f"{limit / row.ratio_to_eager:.2f}" if limit and row.ratio_to_eager else ""
 
 
 def render_short(

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.latency import limit
 from benchmarks.latency.cases import Case, workload
 from benchmarks.latency.contenders import CONTENDERS, Tick
-from benchmarks.latency.measure import Timing, interleave, stolen_share
+from benchmarks.latency.measure import Timing, interleave
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
@@ -25,18 +26,22 @@ SAMPLING = (
 """What Sampling's robots are asked at most; all of it steers at the states below."""
 
 
-def measure(rounds: int = 40, slot_s: float = 0.05) -> dict[str, Timing]:
-    """Time all of it in one interleaved run."""
+def measure(rounds: int = 40, slot_s: float = 0.05) -> tuple[list[str], dict[str, Timing]]:
+    """Time all of it in one interleaved run.
+
+    Returns:
+        A line for each comparison, of processor time in the same round, and the timings that tell whether
+        the machine was quiet.
+    """
     ticks: dict[str, Tick] = {f"sampling {name}": _sampling(name) for name in ("numpy", "compiled")}
     single = workload(Case())
     ticks |= {name: CONTENDERS[name](single) for name in ("numpy", "compiled-own", "compiled")}
     ticks |= {f"batch {size}": CONTENDERS["compiled"](workload(Case(batch=size))) for size in BATCHES}
-    return interleave(ticks, rounds, slot_s)
+    timings = interleave(ticks | {"peak": limit.probes(Case())["peak"]}, rounds, slot_s)
+    return list(_lines(timings)), timings
 
 
-def lines(timings: dict[str, Timing]) -> Iterator[str]:
-    """A line for each comparison, of processor time in the same round."""
-    yield f"other processes took {stolen_share(timings):.0%} of the time; ratios are of processor time"
+def _lines(timings: dict[str, Timing]) -> Iterator[str]:
     yield _line("Sampling's fence, cluster, margin and speed", timings, "sampling compiled", "sampling numpy")
     yield _line("both objectives of one's own in Python", timings, "compiled-own", "numpy")
     yield _line("both objectives in the kernel", timings, "compiled", "numpy")

@@ -59,7 +59,11 @@ def test_samplers_and_modes_are_timed_beside_the_research_codes_steps():
     ]
     assert limit.operations(few) < limit.operations(replace(few, mode="terminal"))
     assert all(row.ratio_to_eager > 0.0 for row in rows)
-    assert "| compiled | exponential | 2 | correction |" in render_samplers(rows)
+    *_, compiled, least = render_samplers(rows).splitlines()
+    assert compiled.startswith("| compiled | exponential | 2 | correction |")
+    over_the_limit = rows[-1].ratio_to_eager / rows[-2].ratio_to_eager
+    assert float(compiled.split("|")[-2]) == pytest.approx(over_the_limit, abs=6e-3)
+    assert least.endswith("| 1.00 |")
     assert isinstance(machine.noise(timings), list)
     assert samplers.cases()[0] == DEFAULT
 
@@ -196,8 +200,9 @@ def test_the_page_marks_a_noisy_run_invalid():
         return render(
             Result(
                 machine=machine.describe("avx2", wakes=3), noise=noise, default=default, verdicts=[],
-                small=[row], sampled=[row], growths=[growths], paced=[row], refusals=["refused: no right"],
-                footprints=[Footprint("numpy", 33.0, 120.0)], estimate=estimate,
+                small=[row], sampled=[row], kernel=["batch of 8"], growths=[growths], paced=[row],
+                refusals=["refused: no right"], estimate=estimate,
+                footprints=[Footprint("numpy", 33.0, 120.0)],
             )
         )  # fmt: skip
 
@@ -228,7 +233,8 @@ def test_the_engines_are_described():
 
 @needs_kernel
 def test_what_the_kernel_takes_over_is_told_in_lines():
-    told = [*native.lines(native.measure(rounds=1, slot_s=1e-3))]
-    assert len(told) == 4 + len(native.BATCHES)
-    assert told[1].startswith("Sampling's fence, cluster, margin and speed: ")
-    assert all(" times" in line for line in told[1:])
+    told, timings = native.measure(rounds=1, slot_s=1e-3)
+    assert len(told) == 3 + len(native.BATCHES)
+    assert told[0].startswith("Sampling's fence, cluster, margin and speed: ")
+    assert all(" times" in line for line in told)
+    assert isinstance(machine.noise(timings), list)

@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 from sil_reports import report, robot
 
 from benchmarks.sil.cases import cases, soak
@@ -90,6 +91,13 @@ def test_the_soak_sees_growth_and_crashes():
 def test_a_robot_that_its_guard_stopped_is_named_beside_its_poses():
     stopped = "robot_0 ended: the guard stopped the robot"
     assert missing("pose to command, MAVLink", robot(0, **YOUNG), ended=(stopped,)) == (stopped,)
+
+
+def test_poses_are_asked_to_become_commands_within_3_ms_of_robots_with_real_time_scheduling():
+    later = robot(0, pose_to_command_age_ms=Percentiles(1.0, 4.0, 5.0, 9.0))
+    real_time = report(later).machine
+    assert missing("pose to command, CAN", later) == ("robot 0: 4.0 ms",)
+    assert missing("pose to command, CAN", later, machine=replace(real_time, realtime=False)) == ()
 
 
 def test_a_disturbed_row_says_so():
