@@ -14,6 +14,7 @@ COMMANDS = {
     "faults": "benchmarks.faults.faults_command",
     "husky": "benchmarks.husky.husky_command",
     "husky-pictures": "benchmarks.husky.pictures",
+    "husky-ros": "benchmarks.husky.through_ros",
     "latency": "benchmarks.latency.latency_command",
     "layout": "benchmarks.layout",
     "modes": "benchmarks.paper.modes.modes_command",

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -31,25 +32,34 @@ def run_case(case: Case, *, short: bool, realtime: bool) -> SilReport:
         duration_s = case.short_s if short else case.long_s
         flags = ["--fleet", _fleet(case.fleet, folder)] if case.fleet else ["--robots", case.robots]
         flags += ["--bridge", case.bridge, "--rate", case.rate_hz]
-        flags += ["--duration", duration_s, "--json", folder / "report.json"]
+        flags += ["--duration", duration_s]
         if case.realtime and realtime:
             flags.append("--realtime")
         if case.pose_hz:
             flags += ["--pose-stream", case.pose_hz]
         if case.faults:
             flags += ["--faults", _timeline(case, folder, duration_s, short=short)]
-        clock = own_clock(folder) if case.own_clock else {}
-        done = subprocess.run(  # noqa: S603 - our own interpreter and module
-            python_command("firmware_bridge.sil", *flags),
-            env={**os.environ, **clock},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        report = (folder / "report.json").read_bytes()
-        if not report:
-            raise BridgeError(done.stderr.strip().splitlines()[-1])
-        return msgspec.json.decode(report, type=SilReport)
+        return edge_sil(folder, flags, own_clock(folder) if case.own_clock else {})
+
+
+def edge_sil(folder: Path, flags: Sequence[object], environment: Mapping[str, str]) -> SilReport:
+    """Return the report of a run under these flags, which goes to a folder; ``environment`` is added to ours.
+
+    Raises:
+        BridgeError: if edge-sil could not carry it to its end, with its words.
+    """
+    path = folder / "report.json"
+    done = subprocess.run(  # noqa: S603 - our own interpreter and module
+        python_command("firmware_bridge.sil", *flags, "--json", path),
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    report = path.read_bytes() if path.exists() else b""
+    if not report:
+        raise BridgeError(done.stderr.strip().splitlines()[-1])
+    return msgspec.json.decode(report, type=SilReport)
 
 
 def _fleet(name: str, folder: Path) -> Path:

@@ -167,7 +167,8 @@ class Ros2Nodes:
 
     def add(self, profile: RosProfile, hear: Callable[[Any], None]) -> Speaker:
         """Make a robot's."""
-        name, _, parameter = (profile.timeout_parameter or "/robot/none").rpartition("/")
+        unnamed = profile.command.rpartition("/")[0] + "/base/timeout"
+        name, _, parameter = (profile.timeout_parameter or unnamed).rpartition("/")
         namespace, _, own = name.rpartition("/")
         node = self._rclpy.create_node(own, namespace=namespace or "/")
         self._nodes.append(node)

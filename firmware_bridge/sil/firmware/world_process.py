@@ -179,7 +179,7 @@ def make_nodes(spec: WorldSpec) -> list[FirmwareNode[Any]]:
     if bridge == "mavlink":
         return [FirmwareNode(Autopilot(PROFILES[AUTOPILOT]), UdpWire(int(wire))) for wire in wires]
     kind, folders = ROS[bridge], ros_folders(bridge, spec.ros_path)
-    path = str(profile_path(kind.profile))
+    path = str(profile_path(spec.stations[0].vehicle.profile))
     task = NodesTask(kind.ros, path, tuple(wires), folders, kind.timeout_s, spec.realtime)
     return [FirmwareNode(RosBase(kind.timeout_s), wire) for wire in open_wires(task)]
 

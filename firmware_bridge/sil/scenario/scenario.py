@@ -132,7 +132,7 @@ def prepare(request: Request, folder: Path) -> Scenario:
     bundles = [robot_bundle(fleet, robot, str(request.policy or "")) for robot in fleet.robots]
     _check_plant(fleet, bundles)
     stations = tuple(
-        _station(robot, bundle, files[robot.id], request.bridge, network)
+        _station(robot, files[robot.id], network, request.bridge, _driven(request.bridge, bundle, fleet))
         for robot, bundle in zip(fleet.robots, bundles, strict=True)
     )
     relays = tuple(network.relays.items())
@@ -235,7 +235,12 @@ def _check_clock() -> None:
         raise ConfigError("the fault clock_jump may not set the clock: it needs CAP_SYS_TIME") from error
 
 
-def _station(robot: Robot, bundle: Bundle, file: Path, bridge: BridgeKind, network: Network) -> Station:
+def _driven(bridge: BridgeKind, bundle: Bundle, fleet: Fleet) -> Vehicle:
+    wheels = fleet.simulation.base if fleet.simulation.plant == "mujoco" else ""
+    return vehicle(bridge, bundle.manifest.motion, wheels)
+
+
+def _station(robot: Robot, file: Path, network: Network, bridge: BridgeKind, driven: Vehicle) -> Station:
     x, y, *_ = robot.start_m
     goal_x, goal_y, *_ = robot.goal_m or (x + 1.0, y)
     heading = math.atan2(goal_y - y, goal_x - x)
@@ -243,7 +248,6 @@ def _station(robot: Robot, bundle: Bundle, file: Path, bridge: BridgeKind, netwo
     wires = {"can": multicast_bus(number), "mavlink": str(number)}
     wire = wires.get(bridge, f"/robot_{robot.id}")
     goal_m = (goal_x, goal_y) if robot.goal_m else None
-    driven = vehicle(bridge, bundle.manifest.motion)
     return Station(robot.id, str(file), wire, port, (x, y), goal_m, heading, driven)
 
 

@@ -1,5 +1,6 @@
-"""What the robots of a run are: a chassis on CAN, a rover on MAVLink, a Husky behind ROS."""
+"""What the robots of a run are: a chassis on CAN, a rover on MAVLink, a Husky or LIMO behind ROS."""
 
+from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import msgspec
@@ -33,21 +34,26 @@ ROS: Final = {
     "ros1": RosKind(1, "rospy", "husky_noetic", 0.25),
     "ros2": RosKind(2, "rclpy", "clearpath_jazzy", 0.5),
 }
+LIMO_PROFILE: Final = Path(__file__).with_name("limo.toml")
+"""Behind ROS 2 where the fleet's base is a LIMO."""
 
 
 class Vehicle(msgspec.Struct, frozen=True):
     """One robot of a run."""
 
     profile: str
-    """As edge-run is told it: of CAN, of ROS, or the autopilot."""
+    """As edge-run is told it: of CAN, of ROS by its name or file, or the autopilot."""
     ahead_m: float
     """From its axle to the point that is steered; 0: the axle."""
 
 
-def vehicle(bridge: BridgeKind, motion: MotionModel | None = None) -> Vehicle:
-    """Return the robot that speaks a bridge and follows a policy's motion model; None: one in the plane.
+def vehicle(bridge: BridgeKind, motion: MotionModel | None = None, wheels: str = "") -> Vehicle:
+    """Return the robot that speaks a bridge; whether it can follow the policy, edge-run's own check says.
 
-    Whether it can follow, edge-run's own check says.
+    Args:
+        bridge: what it speaks.
+        motion: the policy's motion model; None: one in the plane.
+        wheels: the base of the plant ``mujoco``, where that moves it.
     """
     turns = motion is not None and motion.turns
     if bridge == "mavlink":
@@ -56,7 +62,8 @@ def vehicle(bridge: BridgeKind, motion: MotionModel | None = None) -> Vehicle:
         name = OMNI_PROFILE if turns and not isinstance(motion, Unicycle) else PROFILE
         base = load_profile(profile_path(name)).base
     else:
-        name = ROS[bridge].profile
+        limo = bridge == "ros2" and wheels == "limo"
+        name = str(LIMO_PROFILE) if limo else ROS[bridge].profile
         base = load_ros_profile(ros_profile_path(name)).base
     return Vehicle(name, 0.0 if turns else base.reference_m)
 

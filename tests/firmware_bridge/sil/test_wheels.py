@@ -11,11 +11,15 @@ from ros_peers import DEBIAN, needs_ros1
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.errors import ConfigError
 from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
+from firmware_bridge.ros.profile import load_profile, profile_path
 from firmware_bridge.sil.firmware.node import STEP_S
 from firmware_bridge.sil.firmware.truth import Truth
 from firmware_bridge.sil.firmware.world import Standing
+from firmware_bridge.sil.scenario import scenario as scenarios
 from firmware_bridge.sil.scenario.scenario import Request, prepare, robot_bundle
 from firmware_bridge.sil.scenario.team_file import write_key
+from firmware_bridge.sil.scenario.vehicle import Vehicle
+from firmware_bridge.simulation.wheels.bases import BASES
 
 wheeled = pytest.importorskip("firmware_bridge.sil.firmware.wheeled_world", reason="MuJoCo is not installed")
 AHEAD_M = 0.4
@@ -105,3 +109,22 @@ def test_real_processes_drive_on_wheels_that_slip(tmp_path, bridge):
     for robot in json.loads((tmp_path / "run.json").read_text())["robots"]:
         assert robot["goal_distance_m"] < 8.7  # of 10.4 at the start
         assert robot["greatest_speed_m_s"] > 0.3
+
+
+def test_limos_behind_ros_2_are_steered_as_limos(tmp_path, monkeypatch):
+    monkeypatch.setattr(scenarios, "check_ros", lambda *_: None)
+    write_key(tmp_path / "team.key")
+    path = tmp_path / "team.toml"
+    path.write_text(
+        '[team]\nscale_m = 2.0\n[simulation]\nplant = "mujoco"\nbase = "limo"\n[carrier]\nkey = "team.key"\n'
+        "[[robots]]\nid = 0\naddress = '127.0.0.1:9'\nstart_m = [0.0, 0.0]\ngoal_m = [1.0, 0.0]\n"
+    )
+    (limo,) = prepare(Request(fleet=path, bridge="ros2", rate_hz=20.0), tmp_path).stations
+    (husky,) = prepare(Request(robots=1, plant="mujoco", bridge="ros2", rate_hz=20.0), tmp_path).stations
+    profile, shipped = (
+        load_profile(profile_path(limo.vehicle.profile)),
+        load_profile(profile_path("limo_ros2")),
+    )
+    assert limo.vehicle.ahead_m == 0.1 and husky.vehicle == Vehicle("clearpath_jazzy", AHEAD_M)
+    assert profile.base == shipped.base == BASES["limo"].kinematics
+    assert (profile.message, profile.limits) == (shipped.message, shipped.limits)
