@@ -67,6 +67,7 @@ class Robot(Closing, abc.ABC):
         self._world = PlanarWorld([manifest], [standing], STEP_S)
         self._node = FirmwareNode(firmware, wire)
         self._loop = FirmwareLoop(self._world, [self._node])
+        self._receive: Callable[[], object] = self._node.receive
 
     def close(self) -> None:
         """Let the wire go."""
@@ -91,17 +92,18 @@ class Robot(Closing, abc.ABC):
         """Cut the wire: nothing arrives any more, neither here nor there."""
         self._loop.forget(self._node.wire.fileno())
         self.firmware.silent = True
+        self._receive = _nothing
 
     def take_commands(self) -> list[tuple[Any, ...]]:
         """Return the content of all commands since the last call."""
-        self._node.receive()
+        self._receive()
         contents = [content(heard) for heard in self.heard]
         self.heard.clear()
         return contents
 
     def arrivals(self) -> list[float]:
         """Return when each command to drive arrived, those still unread on the wire included."""
-        self._node.receive()
+        self._receive()
         return [heard.arrival_s for heard in self.heard if self.drives(heard)]
 
     def stop_after(self, time_s: float) -> float:
@@ -185,6 +187,10 @@ class MavlinkRobot(Robot):
         if heard.motion is None:
             return False if heard.packet.command in _TAKING else None
         return heard.motion != REST
+
+
+def _nothing() -> None:
+    pass
 
 
 def content(heard: Heard) -> tuple[Any, ...]:

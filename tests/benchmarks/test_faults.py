@@ -68,6 +68,16 @@ def test_a_frame_that_nobody_has_read_yet_has_arrived(kind):
         assert len(robot.arrivals()) == 1
 
 
+@ROBOTS
+def test_nothing_arrives_over_a_wire_that_was_cut(kind):
+    with kind() as robot:
+        robot.cut()
+        open_sender(robot.spec())()
+        select.select([robot.wire], [], [])
+        assert robot.arrivals() == []
+        assert robot.take_commands() == []
+
+
 def test_only_what_was_measured_again_is_replaced():
     old = [FaultRow("a", "can", 1), FaultRow("a", "mavlink", 1), FaultRow("b", "can", 1)]
     newer = [FaultRow("c", "can", 2), FaultRow("a", "mavlink", 2)]
