@@ -24,5 +24,3 @@ def check_fleet(fleet: Fleet, manifest: Manifest) -> None:
         least = fleet.team.scale_m * base.hull_radius_m / radius_m
         what = f"{fleet.team.scale_m:g} makes the policy's robot smaller than a {name}"
         refuse(fleet.path, "team.scale_m", f"{what}; allowed: at least {least:.3g}")
-    if fleet.obstacles:
-        refuse(fleet.path, "obstacle", "means nothing in plant 'mujoco'; allowed with plant 'discs'")

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from edge_runtime.config.fleet import Obstacle
 from firmware_bridge.simulation.wheels.bases import WHEELS, WheeledBase
 
 GRAVITY_M_S2: Final = 9.81
@@ -15,6 +16,8 @@ STEP_S: Final = 0.0025
 GROUND: Final = 0
 """Its geom."""
 COLOURS: Final = ("0.93 0.72 0.1 1", "0.16 0.47 0.75 1", "0.8 0.28 0.22 1", "0.27 0.6 0.35 1")
+OBSTACLE_M: Final = 1.2
+"""How tall obstacles are: taller than any base."""
 SERVO_M_S: Final = 0.005
 """A wheel's motor holds against a push as great as its load where the rim is so much slower than told."""
 _HEAD: Final = f"""<mujoco model="team">
@@ -26,6 +29,8 @@ _HEAD: Final = f"""<mujoco model="team">
 <default class="wheel"><geom type="sphere" contype="1" rgba="0 0 0 0"/></default>
 <default class="hull"><geom contype="2" conaffinity="2" condim="3" friction="0.3 0 0" rgba="0 0 0 0"/>
 </default>
+<default class="obstacle"><geom type="cylinder" contype="2" condim="3" friction="0.3 0 0"
+rgba="0.45 0.4 0.5 1"/></default>
 </default>
 <asset>
 <texture name="ground" type="2d" builtin="checker" rgb1="0.8 0.8 0.78" rgb2="0.76 0.76 0.74" width="256"
@@ -38,11 +43,17 @@ height="256"/><material name="ground" texture="ground" texuniform="true"/>
 """
 
 
-def mjcf(base: WheeledBase, poses: Sequence[tuple[float, float, float]], payload_kg: float) -> str:
-    """Describe robots of one base, each where (x, y, heading) says, in m and rad.
+def mjcf(
+    base: WheeledBase,
+    poses: Sequence[tuple[float, float, float]],
+    payload_kg: float,
+    obstacles: Sequence[Obstacle] = (),
+) -> str:
+    """Describe robots of one base, each where (x, y, heading) says, in m and rad, and obstacles after them.
 
-    Hulls are called ``robot0`` and so on, wheels ``wheel0_0`` to ``wheel0_3``; a robot's body is followed by
-    its wheels'. A payload is a box on the hull of half its length, width and height.
+    Hulls are called ``robot0`` and so on, wheels ``wheel0_0`` to ``wheel0_3``, obstacles ``obstacle0``; a
+    robot's body is followed by its wheels'. A payload is a box on the hull of half its length, width and
+    height. Obstacles are cylinders that nothing moves but whoever sets their places.
     """
     # MuJoCo's reader refuses numbers next to zero.
     payload_kg = round(payload_kg, 9)
@@ -55,7 +66,8 @@ def mjcf(base: WheeledBase, poses: Sequence[tuple[float, float, float]], payload
         for index in range(len(poses))
         for wheel in range(len(WHEELS))
     )
-    return f"{_HEAD}{robots}</worldbody><actuator>{motors}</actuator></mujoco>"
+    discs = "".join(_obstacle(index, one) for index, one in enumerate(obstacles))
+    return f"{_HEAD}{robots}{discs}</worldbody><actuator>{motors}</actuator></mujoco>"
 
 
 def _robot(base: WheeledBase, index: int, pose: tuple[float, float, float], payload_kg: float) -> str:
@@ -87,6 +99,12 @@ def _robot(base: WheeledBase, index: int, pose: tuple[float, float, float], payl
 <inertial {mass}/><geom name="robot{index}" class="hull" {hull}/>{boxes}
 {wheels}{load if payload_kg else ""}</body>
 """
+
+
+def _obstacle(index: int, obstacle: Obstacle) -> str:
+    (x, y), half = (round(value, 9) for value in obstacle.centre_m), OBSTACLE_M / 2
+    disc = f'name="obstacle{index}" class="obstacle" size="{obstacle.radius_m} {half}"'
+    return f'<body mocap="true" pos="{x} {y} {half}"><geom {disc}/></body>\n'
 
 
 def _wheel(base: WheeledBase, name: str, x: float, y: float) -> str:

@@ -45,13 +45,12 @@ class WheeledPlant:
         for robot, heading in zip(robots, headings, strict=True):
             x, y = rotate((self._kinematics.reference_m, 0.0), heading)
             middles.append((robot.start_m[0] - x, robot.start_m[1] - y))
-        settings = self._settings
-        self.team = WheeledTeam(self.base, middles, headings, settings.friction, settings.payload_kg)
+        settings, obstacles = self._settings, fleet.obstacles
+        ground = settings.friction, settings.payload_kg
+        self.team = WheeledTeam(self.base, middles, headings, *ground, obstacles)
         self._count, self.touched = len(robots), self.team.touched
         if self.touched:
-            first, second = min(self.touched)
-            what = f"this {settings.base} and that of robots[{first}] overlap; move one, or turn it"
-            refuse(fleet.path, f"robots[{second}].start_m", what)
+            self._refuse(*min(self.touched))
 
     def drive(self, commands: Sequence[Command]) -> None:
         """Advance by one control period."""
@@ -71,12 +70,21 @@ class WheeledPlant:
         return [Motion(each.start_m, (0.0,) * len(each.start_m)) for each in self._mission.fleet.tracked]
 
     def obstacles(self) -> Sequence[Disc]:
-        """None."""
-        return ()
+        """As they are now."""
+        return self.team.obstacles()
 
     def reading(self, robot: int, sensor: str) -> Vector:
         """Raise: there are no sensors."""
         raise KeyError(sensor, robot)
+
+    def _refuse(self, first: int, second: int) -> None:
+        """Say which bodies overlap at the start, robots before obstacles."""
+        path, base, beyond = self._mission.fleet.path, self._settings.base, second - self._count
+        if beyond < 0:
+            what = f"this {base} and that of robots[{first}] overlap; move one, or turn it"
+            refuse(path, f"robots[{second}].start_m", what)
+        what = f"it and the {base} of robots[{first}] overlap at the start; move one, or turn the robot"
+        refuse(path, f"obstacle[{beyond}].centre_m", what)
 
     def _motion(self, robot: int) -> Motion:
         """Of the robot's point of reference."""

@@ -1,4 +1,7 @@
-"""Robots on wheels that slip: a team in MuJoCo that moves as its wheel controllers and the ground let it."""
+"""Robots on wheels that slip: a team in MuJoCo that moves as its wheel controllers and the ground let it.
+
+Obstacles push robots and are not pushed themselves: they stand, or walk straight on.
+"""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -7,7 +10,9 @@ import mujoco
 import numpy as np
 
 from edge_runtime.common.arrays import Floats
+from edge_runtime.config.fleet import Obstacle
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.range_sensor import Disc
 from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.simulation.wheels.bases import WheeledBase
 from firmware_bridge.simulation.wheels.mjcf import GROUND, STEP_S, mjcf
@@ -37,6 +42,7 @@ class WheeledTeam:
         headings_rad: where they look.
         friction: between wheels and ground.
         payload_kg: what each carries on its top.
+        obstacles: M discs in their way.
     """
 
     def __init__(
@@ -46,14 +52,15 @@ class WheeledTeam:
         headings_rad: Sequence[float],
         friction: float,
         payload_kg: float = 0.0,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
         poses = [(x, y, yaw) for (x, y), yaw in zip(positions_m, headings_rad, strict=True)]
         count = len(poses)
         self.base = base
-        self.model = mujoco.MjModel.from_xml_string(mjcf(base, poses, payload_kg))
+        self.model = mujoco.MjModel.from_xml_string(mjcf(base, poses, payload_kg, obstacles))
         self.data = mujoco.MjData(self.model)
         self.touched: set[tuple[int, ...]] = set()
-        """(i, j), i < j, of the robots that have touched so far."""
+        """(i, j), i < j, of the bodies that have touched so far, robots first, then obstacles."""
         self._traction, self._due_s = Traction(base, friction), 0.0
         self._load, self._controller = np.zeros((count, 4)), np.zeros((count, 3))
         changes = base.acceleration_m_s2, base.acceleration_m_s2, base.yaw_acceleration_rad_s2
@@ -64,8 +71,12 @@ class WheeledTeam:
         self._rates = np.array([base.rim_speeds_m_s(unit) for unit in units]) / base.wheel_radius_m
         # Views of one row for each robot.
         self._place, self._speed = self.data.qpos.reshape(count, -1), self.data.qvel.reshape(count, -1)
-        self._push = self.data.xfrc_applied[1:].reshape(count, -1, 6)[:, 1:5]
-        self._hull = np.array([self.model.geom(f"robot{i}").id for i in range(count)])
+        bodies = self.data.xfrc_applied[1 : self.model.nbody - len(obstacles)]
+        self._push = bodies.reshape(count, -1, 6)[:, 1:5]
+        self._radii = [one.radius_m for one in obstacles]
+        self._walk = STEP_S * np.array([one.velocity_m_s for one in obstacles]).reshape(-1, 2)
+        names = [*(f"robot{i}" for i in range(count)), *(f"obstacle{i}" for i in range(len(obstacles)))]
+        self._solid = np.array([self.model.geom(name).id for name in names])
         self._wheel = np.array(
             [[self.model.geom(f"wheel{i}_{j}").id for j in range(4)] for i in range(count)]
         )
@@ -81,6 +92,7 @@ class WheeledTeam:
             self._due_s -= STEP_S
             self._controller += np.clip(told - self._controller, -self._change, self._change)
             self.data.ctrl[:] = (self._controller @ self._rates).ravel()
+            self.data.mocap_pos[:, :2] += self._walk
             self._advance()
 
     def state(self, robot: int) -> WheeledState:
@@ -89,6 +101,11 @@ class WheeledTeam:
         forward, left = _turned(self._speed[robot, :2], -heading).tolist()
         x, y = self._place[robot, :2].tolist()
         return WheeledState((x, y), float(heading), forward, left, float(self._speed[robot, 5]))
+
+    def obstacles(self) -> list[Disc]:
+        """The obstacles as they are now."""
+        places = self.data.mocap_pos[:, :2].tolist()
+        return [(x, y, radius) for (x, y), radius in zip(places, self._radii, strict=True)]
 
     def _advance(self) -> None:
         """One step of MuJoCo's, under the friction of this moment."""
@@ -110,7 +127,7 @@ class WheeledTeam:
         bears[geoms[standing, 1]] = forces[self.data.contact.efc_address[standing]]
         self._load[:] = bears[self._wheel]
         for pair in geoms[~standing].tolist():
-            first, second = sorted(int(np.searchsorted(self._hull, geom)) for geom in pair)
+            first, second = sorted(int(np.searchsorted(self._solid, geom)) for geom in pair)
             self.touched.add((first, second))
 
 

@@ -9,7 +9,8 @@ from clocks import simulated_time
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.config.fleet import FLEETS
+from benchmarks.common.episode import ticks
+from edge_runtime.config.fleet import FLEETS, Obstacle
 from edge_runtime.messages import Command
 from edge_runtime.run.edge_run import main as edge_run
 from edge_runtime.run.flags import make_mission, make_parser
@@ -121,6 +122,38 @@ def test_robots_that_meet_push_each_other_alike(name):
     assert team.touched == {(0, 1)}
 
 
+def with_obstacles(*obstacles, positions=((0.0, 0.0),), payload_kg=0.0):
+    return WheeledTeam(BASES["husky"], positions, [0.0] * len(positions), 0.7, payload_kg, obstacles)
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, 20.0])
+def test_a_pillar_holds_whoever_runs_into_it(payload_kg):
+    free, pillar = with_obstacles(payload_kg=payload_kg), Obstacle((1.2, 0.0), 0.3)
+    held = with_obstacles(pillar, Obstacle((1.2, 0.5), 0.3), payload_kg=payload_kg)
+    for team in (free, held):
+        team.step([BaseMotion(0.5)], 0.7)
+    assert held.state(0).forward_m_s == pytest.approx(free.state(0).forward_m_s, abs=1e-6)
+    assert not held.touched
+    held.step([BaseMotion(0.5)], 2.3)
+    nose = held.state(0).position_m[0] + BASES["husky"].size_m[0] / 2
+    assert nose == pytest.approx(1.2 - 0.3, abs=0.03)
+    assert held.touched == {(0, 1)}  # obstacles that overlap do not count
+    assert held.obstacles() == [(1.2, 0.0, 0.3), (1.2, 0.5, 0.3)]
+
+
+def test_who_walks_walks_on_whoever_is_in_the_way():
+    walker = Obstacle((-0.6, -1.0), 0.2, (0.3, 0.4))
+    team = with_obstacles(walker, Obstacle((0.0, 5.0), 0.1), positions=((0.0, 0.0), (9.0, 0.0)))
+    before = team.state(1)
+    for _ in range(20):
+        team.step([BaseMotion()] * 2, 0.1)
+    assert team.obstacles()[0] == pytest.approx((0.0, -0.2, 0.2))
+    assert team.obstacles()[1] == (0.0, 5.0, 0.1)
+    assert team.touched == {(0, 2)}
+    assert team.state(0).position_m[1] > 0.05  # pushed aside
+    assert math.dist(team.state(1).position_m, before.position_m) < 1e-3
+
+
 def test_the_same_commands_give_the_same_motion():
     def drive():
         draw = np.random.default_rng(3)
@@ -176,6 +209,33 @@ def test_the_point_of_reference_goes_where_it_is_told(tmp_path):
     assert np.allclose(seen, told, atol=0.02)
 
 
+WORLD = """
+[[obstacle]]
+centre_m = [0.3, 0.4]
+radius_m = 0.3
+[[obstacle]]
+centre_m = [2.0, -7.0]
+radius_m = 0.25
+velocity_m_s = [-0.3, 0.6]
+[[objectives]]
+type = "obstacle_margin"
+distance_m = 1.2
+[guidance]"""
+
+
+def test_robots_see_obstacles_and_get_past_them(tmp_path):
+    path = write(tmp_path, ("[guidance]", WORLD))
+    mission = make_mission(make_parser().parse_args(["--robot-id", "0", "--fleet", str(path)]))
+    touched = []
+    for bridge, _ in ticks(mission, 30.0):
+        x, y, radius = bridge.plant.obstacles()[1]
+        seen = bridge.ranges_m()
+        touched = bridge.plant.touched
+    assert (x, y, radius) == pytest.approx((2.0 - 0.3 * 30.0, -7.0 + 0.6 * 30.0, 0.25), abs=0.2)
+    assert len(seen) == 12
+    assert not touched
+
+
 @pytest.mark.parametrize("base", BASES)
 def test_a_fleet_on_wheels_arrives_without_contact(tmp_path, base):
     changes = [('base = "husky"', f'base = "{base}"')]
@@ -199,9 +259,9 @@ REFUSED = [
         ],
         "robots[1].start_m: this husky and that of robots[0] overlap",
     ),
-    (
-        [("[guidance]", "[[obstacle]]\ncentre_m = [0.0, 9.0]\nradius_m = 0.2\n[guidance]")],
-        "obstacle: means nothing in plant 'mujoco'; allowed with plant 'discs'",
+    (  # behind the robot, whose point of reference is far enough away
+        [("[guidance]", "[[obstacle]]\ncentre_m = [-5.42, -4.24]\nradius_m = 0.2\n[guidance]")],
+        "obstacle[0].centre_m: it and the husky of robots[0] overlap at the start",
     ),
 ]
 
