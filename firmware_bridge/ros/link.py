@@ -18,6 +18,7 @@ from firmware_bridge.guard.link import Condition, Health, Setpoint, Steps
 from firmware_bridge.guard.spec import GuardSpec
 from firmware_bridge.kinematics.base import BaseMotion, motion_for, turning
 from firmware_bridge.ros.client import Client, Graph, Item, Pressed, Sight, Taken
+from firmware_bridge.ros.emergency_stop import EmergencyStop
 from firmware_bridge.ros.inbox import Inbox
 from firmware_bridge.ros.odometry import Odometer, Odometry, Origin
 from firmware_bridge.ros.opening import discover, lost, missing, rivals_said
@@ -27,7 +28,7 @@ STANDSTILL: Final = BaseMotion()
 OPENING_S: Final = 10.0
 """For finding the robot's nodes, and once more for its first odometry."""
 STOP_HEARD_S: Final = 1.0
-"""For the emergency stop's state, where somebody publishes it."""
+"""For the emergency stop's state, where somebody publishes it; longer where it may be silent for longer."""
 
 
 class RosOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,8 +60,7 @@ class RosLink:
     def __init__(self, profile: RosProfile, client: Client, inbox: Inbox[Item], odometer: Odometer) -> None:
         self.firmware_timeout_s = profile.firmware_timeout_s
         self.recoveries = profile.recoveries
-        self.pressed: bool | None = None
-        """What the emergency stop said last; None as long as it has said nothing."""
+        self.emergency_stop = EmergencyStop(profile)
         self._profile = profile
         self._client = client
         self._inbox = inbox
@@ -93,7 +93,9 @@ class RosLink:
             raise BridgeError(f"{self._silence()} within {OPENING_S:g} s ({self._client.where})")
         stop = self._profile.emergency_stop
         if stop and graph.topic(stop).publishers:
-            self._await(lambda: self.pressed is not None, STOP_HEARD_S)
+            self.emergency_stop.expect(time.monotonic())
+            silent_s = self._profile.emergency_stop_silent_s or 0.0
+            self._await(lambda: self.emergency_stop.pressed is not None, max(silent_s, STOP_HEARD_S))
         health = self.health(time.monotonic())
         if health.condition in (Condition.OVERRIDE, Condition.LOST):
             raise BridgeError(health.detail)
@@ -107,14 +109,14 @@ class RosLink:
         """What rings when the client's threads brought something."""
         return (self._inbox.fileno(),)
 
-    def receive(self, now_s: float) -> None:  # noqa: ARG002
+    def receive(self, now_s: float) -> None:
         """Take in what has arrived.
 
         Raises:
             BridgeError: if a topic is flooded.
         """
         for item in self._inbox.take():
-            self._take(item)
+            self._take(item, now_s)
 
     def health(self, now_s: float) -> Health:
         """Judge: who has the robot goes before whether it hears us, that before its odometry."""
@@ -193,20 +195,20 @@ class RosLink:
             return self._odometer.fault(-math.inf) + f" on {self._profile.odometry}"
         return f"no subscriber of {self._profile.command} takes our messages: its type or QoS differs,"
 
-    def _take(self, item: Item) -> None:
+    def _take(self, item: Item, now_s: float) -> None:
         if isinstance(item, Odometry):
             self._odometer.take(item)
         elif isinstance(item, Sight):
             self._sight = item
         elif isinstance(item, Pressed):
-            self.pressed = item.pressed
+            self.emergency_stop.take(item.pressed, now_s)
         elif isinstance(item, Taken):
             self._operator = f"an operator commands the robot on {item.topic}"
         else:
             self._trouble = item.text
 
     def _taken(self) -> str:
-        if self.pressed:
+        if self.emergency_stop.pressed:
             return f"the emergency stop is pressed ({self._profile.emergency_stop})"
         rivals = self._sight.rivals if self._sight else ()
         return self._operator or (rivals_said(rivals, self._profile.command) if rivals else "")
@@ -216,7 +218,7 @@ class RosLink:
             return (
                 f"{self._sight.odometers} nodes publish {self._profile.odometry}: one robot has one odometry"
             )
-        return self._odometer.fault(now_s)
+        return self.emergency_stop.fault(now_s) or self._odometer.fault(now_s)
 
     def _motion(self, setpoint: Setpoint) -> BaseMotion:
         state = self._odometer.state

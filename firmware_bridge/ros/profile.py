@@ -45,6 +45,9 @@ class RosProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Folders in which this robot's ROS keeps its Python packages; --ros-path says otherwise."""
     emergency_stop: str | None = None
     """Topic of `std_msgs/Bool`, true while pressed."""
+    emergency_stop_silent_s: float | None = None
+    """Its longest silence, where it is told again and again: three periods. The robot stands while it is
+    silent for longer; None: it is told when it changes."""
     operators: tuple[str, ...] = ()
     """Topics of commands that go before ours: whoever speaks there has the robot."""
     timeout_parameter: str | None = None
@@ -71,9 +74,13 @@ class RosProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("`timeout_parameter` must name a node and its parameter: node/parameter")
         if self.timeout_parameter and self.firmware_timeout_s is not None:
             raise ValueError("give one of `timeout_parameter` and `firmware_timeout_s`: asked for, or known")
-        for name in ("stale_s", "period_s", "enable_timeout_s"):
-            if not 0.0 < getattr(self, name) <= 10.0:
-                raise ValueError(f"`{name}` must lie in (0, 10], got {getattr(self, name)}")
+        for name in ("stale_s", "period_s", "enable_timeout_s", "emergency_stop_silent_s"):
+            if (value := getattr(self, name)) is not None and not 0.0 < value <= 10.0:
+                raise ValueError(f"`{name}` must lie in (0, 10], got {value}")
+        if self.emergency_stop_silent_s is not None and self.emergency_stop is None:
+            raise ValueError(
+                "`emergency_stop_silent_s` needs `emergency_stop`: the topic that may fall silent"
+            )
         if not (1 <= self.zeros <= 100 and 0 <= self.recoveries <= 100):
             raise ValueError("`zeros` must lie in [1, 100] and `recoveries` in [0, 100]")
         if self.base.kind == "ackermann":

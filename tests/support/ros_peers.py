@@ -167,6 +167,7 @@ class Ros:
     def profile_with(self, folder: Path, **changes: object) -> str:
         """A copy of the packaged profile; what is stale is so much later than a busy machine makes it."""
         table = msgspec.toml.decode(profile_path(self.profile).read_bytes())
+        table.pop("emergency_stop_silent_s", None)
         path = folder / "changed.toml"
         path.write_text(tomli_w.dumps({"stale_s": 5.0, "recoveries": 0, **table, **changes}))
         return str(path)

@@ -159,6 +159,15 @@ def test_one_pressed_under_way_has_the_robot(ros, patient):
         assert "the emergency stop is pressed" in stopped(bridge)
 
 
+@needs_ros2
+def test_one_that_falls_silent_under_way_stops_the_robot(ros2, tmp_path):
+    profile = ros2.profile_with(tmp_path, emergency_stop_silent_s=5.0)
+    with ros2.peer() as robot, driving(ros2, robot, profile) as bridge:
+        robot.tell("publish_stop", None)
+        assert "the emergency stop has been silent for 5." in stopped(bridge)
+        assert ends_with_zeros(robot)
+
+
 def test_an_operator_has_the_robot(ros, patient):
     topic = f"{'' if ros.kind == 1 else NAMESPACE}/joy_teleop/cmd_vel"
     with ros.peer() as robot, driving(ros, robot, patient) as bridge:

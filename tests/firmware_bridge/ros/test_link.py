@@ -154,6 +154,50 @@ def test_two_that_tell_the_odometry_are_a_fault(rig):
     )
 
 
+def test_an_emergency_stop_that_falls_silent_stops_the_robot_until_it_speaks(rig):
+    rig.open().enable()
+    longest_s = PROFILE.emergency_stop_silent_s
+    for passed_s in (0.9 * longest_s, 0.9 * longest_s):
+        rig.now += passed_s
+        rig.hear(rig.odometry(), Pressed(False))
+        assert rig.condition() == (Condition.READY, "")
+    rig.now += longest_s
+    rig.hear(rig.odometry())
+    assert rig.condition()[0] is Condition.READY
+    rig.now += 0.1
+    assert rig.condition() == (Condition.FAULT, f"the emergency stop has been silent for 3.1 s ({STOP})")
+    steps = rig.link.enable_sequence()
+    next(steps), next(steps)
+    rig.hear(Pressed(False))
+    assert list(steps) == []
+    assert rig.condition() == (Condition.READY, "")
+    rig.hear(Pressed(True))
+    rig.now += 10.0
+    assert rig.condition()[0] is Condition.OVERRIDE  # its last word counts, however old
+
+
+def test_nobody_publishes_the_stop_and_then_somebody_falls_silent(rig):
+    rig.client.graphs = [Graph(changed(STOP, publishers=()))]
+    rig.client.arriving = [rig.odometry(), Sight(1)]
+    rig.link.open()
+    rig.enable()
+    rig.now += 100.0
+    rig.hear(rig.odometry())
+    assert rig.condition()[0] is Condition.READY
+    rig.hear(Pressed(False))
+    rig.now += 4.0
+    rig.hear(rig.odometry())
+    assert rig.condition()[0] is Condition.FAULT
+
+
+def test_a_stop_that_is_told_when_it_changes_may_be_silent(monkeypatch):
+    rig = Rig(monkeypatch, msgspec.structs.replace(PROFILE, emergency_stop_silent_s=None))
+    rig.open().enable()
+    rig.now += 1000.0
+    rig.hear(rig.odometry())
+    assert rig.condition() == (Condition.READY, "")
+
+
 def test_odometry_that_stays_away_ends_the_enabling(rig):
     rig.open()
     rig.now += 0.5
@@ -269,14 +313,18 @@ def test_where_nobody_publishes_the_stop_nobody_waits_for_it(rig):
     rig.client.graphs = [Graph(changed(STOP, publishers=()))]
     rig.client.arriving = [rig.odometry(), Sight(1)]
     rig.link.open()
-    assert (rig.link.pressed, rig.now) == (None, 50.1)
+    assert (rig.link.emergency_stop.pressed, rig.now) == (None, 50.1)
 
 
 def test_where_somebody_does_its_word_is_waited_for_a_while(rig):
     rig.client.arriving = [rig.odometry(), Sight(1)]
     rig.link.open()
-    assert rig.link.pressed is None
-    assert rig.now >= 51.0
+    assert rig.link.emergency_stop.pressed is None
+    assert 50.0 + PROFILE.emergency_stop_silent_s < rig.now < 54.0
+    with pytest.raises(
+        BridgeError, match=r"not enabled within 2 s: the emergency stop has been silent for 5"
+    ):
+        rig.enable()
 
 
 def test_a_profile_without_parameter_or_stop_asks_for_neither(monkeypatch):

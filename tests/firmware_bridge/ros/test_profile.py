@@ -45,6 +45,12 @@ def test_jazzy_stamps_its_commands_and_humble_does_not():
         ("[limits]", "stale_s = 0\n[limits]", "`stale_s` must lie in"),
         ("[limits]", "period_s = 11\n[limits]", "`period_s` must lie in"),
         ("[limits]", "zeros = 0\n[limits]", "`zeros` must lie in"),
+        ("# emergency_stop_silent_s", "emergency_stop_silent_s", "needs `emergency_stop`"),
+        (
+            "[limits]",
+            'emergency_stop = "e_stop"\nemergency_stop_silent_s = 0\n[limits]',
+            "`emergency_stop_silent_s` must lie in",
+        ),
         ("[limits]", "recoveries = 101\n[limits]", "`zeros` must lie in"),
         ("speed_m_s = 0.5", "speed_m_s = 0.0", "`speed_m_s` must be positive"),
         ("speed_m_s = 0.5", "speed_m_s = 0.5\ndeceleration_m_s2 = 0", "`deceleration_m_s2` must be"),

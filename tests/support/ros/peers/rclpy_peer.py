@@ -33,7 +33,7 @@ class Peer:
         if config.get("stop"):
             self.pressed = config.get("pressed", False)
             self.stop = node.create_publisher(Bool, config["stop"], qos_profile_sensor_data)
-            node.create_timer(0.1, lambda: self.stop.publish(Bool(data=self.pressed)))
+            node.create_timer(0.1, self.tell_stop)
         self.rivals = []
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(node)
@@ -63,6 +63,10 @@ class Peer:
 
     def publish_stop(self, pressed):
         self.pressed = pressed
+
+    def tell_stop(self):
+        if self.pressed is not None:
+            self.stop.publish(Bool(data=self.pressed))
 
     def vanish(self):
         self.node.destroy_subscription(self.subscriber)
