@@ -16,14 +16,17 @@ def guard_latencies(kind: type[Robot], commands: int, realtime: bool = False) ->
     Every command after the first that drives is forwarded, in order: those that arrived were sent last.
 
     Raises:
-        DisturbedError: if the robot was stopped meanwhile.
-        BridgeError: if a command was lost.
+        DisturbedError: if the robot was stopped meanwhile, or a command came too late to be forwarded, or was
+            lost.
     """
     with kind() as robot, Drive(robot, commands, realtime) as drive:
         drive.await_(lambda: drive.runtime.poll() is not None, "finished")
         if drive.runtime.returncode != 0:
             raise DisturbedError(f"the {robot.name} robot was stopped while it drove")
-        return _delays(robot, drive.runtime.stdout.read())
+        delays = _delays(robot, drive.runtime.stdout.read())
+    if min(delays) < 0.0:
+        raise DisturbedError(f"a command to the {robot.name} robot was held back or lost")
+    return delays
 
 
 def bus_latencies(kind: type[Robot], commands: int, realtime: bool = False) -> list[float]:
@@ -43,13 +46,13 @@ def bus_latencies(kind: type[Robot], commands: int, realtime: bool = False) -> l
         output, _ = sender.communicate(timeout=LONGEST_S)
         if sender.returncode != 0:
             raise BridgeError(f"the frames on the {robot.name} bus were not sent")
-        return _delays(robot, output)
+        delays = _delays(robot, output)
+    if min(delays) < 0.0:
+        raise BridgeError(f"a command to the {robot.name} robot was lost")
+    return delays
 
 
 def _delays(robot: Robot, output: str) -> list[float]:
     sent = msgspec.json.decode(output, type=list[float])
     arrived = robot.arrivals()
-    delays = [there - here for here, there in zip(sent[-len(arrived) :], arrived, strict=True)]
-    if min(delays) < 0.0:
-        raise BridgeError(f"a command to the {robot.name} robot was lost")
-    return delays
+    return [there - here for here, there in zip(sent[-len(arrived) :], arrived, strict=True)]
