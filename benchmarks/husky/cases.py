@@ -30,8 +30,8 @@ class Asked(msgspec.Struct, frozen=True):
 
 ASKED: Final = {
     "husky": Asked(6.0, limit_m_s=0.9, speed_reserve_m_s=0.1, margin_m=1.5, margin_reserve_m=0.12),
-    "limo": Asked(2.0, limit_m_s=0.6, speed_reserve_m_s=0.04, margin_m=0.5, margin_reserve_m=0.04),
-    "limo_mecanum": Asked(2.0, limit_m_s=0.6, speed_reserve_m_s=0.04, margin_m=0.5, margin_reserve_m=0.04),
+    "limo": Asked(2.0, limit_m_s=0.6, speed_reserve_m_s=0.04, margin_m=0.5, margin_reserve_m=0.12),
+    "limo_mecanum": Asked(2.0, limit_m_s=0.6, speed_reserve_m_s=0.04, margin_m=0.5, margin_reserve_m=0.12),
 }
 """LIMOs are asked what the paper asks, in their metres; Huskies, half its speed, as fast as they can be."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.common.flags import COUNT, POLICIES, make_parser
 from benchmarks.common.result_file import read_result, replaced, write_result
 from benchmarks.common.result_page import table
-from benchmarks.husky.cases import TASK, Case, cases, settings_of
+from benchmarks.husky.cases import ASKED, TASK, Case, cases, settings_of
 from benchmarks.husky.play import Ends, play
 from benchmarks.paper.policies import find_policy
 from benchmarks.paper.settings import FLOWS
@@ -38,6 +38,8 @@ class Row(Case, frozen=True):
 
     episodes: int
     first_seed: int
+    margin_reserve_m: float
+    """What it was asked to keep beyond the margin."""
     satisfied: float
     """Of the episodes: all of what follows at once."""
     arrived: float
@@ -74,11 +76,11 @@ def main(arguments: Sequence[str]) -> int:
     flags = parser.parse_args(arguments)
     rows, asked = read_result(flags.json, list[Row], default=[]), cases()[: flags.cases]
     known = {_question(row) for row in rows}
-    todo = [case for case in asked if (case, flags.episodes, flags.first_seed) not in known]
+    todo = [case for case in asked if (case, flags.episodes, flags.first_seed, _reserve_m(case)) not in known]
     with ProcessPoolExecutor(flags.jobs) as pool:
         futures = [pool.submit(measure, case, flags.episodes, flags.first_seed) for case in todo]
         for future in as_completed(futures):
-            rows = replaced(rows, [future.result()], _question)
+            rows = replaced(rows, [future.result()], lambda row: row.case)
             write_result(flags.json, rows)
     order = {case: place for place, case in enumerate(asked)}
     found = [row for row in rows if row.case in order]
@@ -102,18 +104,20 @@ def measure(case: Case, episodes: int, first_seed: int) -> Row:
     shares = [100.0 * float(share.mean()) for share in (ends.speeding, ends.near)]
     mean_s = float(ends.arrival_s[arrived].mean()) if arrived.any() else None
     extremes = float(ends.fastest_m_s.max()), float(ends.nearest_m.min())
-    return Row(*msgspec.structs.astuple(case), episodes, first_seed, *percent, *shares, *extremes, mean_s)
+    seen = (*percent, *shares, *extremes, mean_s)
+    return Row(*msgspec.structs.astuple(case), episodes, first_seed, _reserve_m(case), *seen)
 
 
 def husky_table(rows: Sequence[Row]) -> str:
     """Format rows as a Markdown table."""
-    head = ["robots", "friction", "method", "satisfied %", "arrived %", "margin kept %", "limit kept %"]
-    head += ["speeding %", "fastest m/s", "nearest m", "arrival s"]
+    head = ["robots", "friction", "method", "reserve m", "satisfied %", "arrived %", "margin kept %"]
+    head += ["limit kept %", "speeding %", "fastest m/s", "nearest m", "arrival s"]
     lines = [
         [
             f"{row.robots} {row.base}",
             f"{row.friction:g}",
             row.method,
+            f"{row.margin_reserve_m:g}",
             *(f"{value:.0f}" for value in (row.satisfied, row.arrived, row.margin_kept, row.limit_kept)),
             f"{row.speeding:.2f}",
             f"{row.fastest_m_s:.2f}",
@@ -133,5 +137,9 @@ def _bundle(method: str) -> Bundle:
     return load_bundle(find_policy(POLICIES, TASK, algorithm, 0))
 
 
-def _question(row: Row) -> tuple[Case, int, int]:
-    return row.case, row.episodes, row.first_seed
+def _reserve_m(case: Case) -> float:
+    return ASKED[case.base].margin_reserve_m
+
+
+def _question(row: Row) -> tuple[Case, int, int, float]:
+    return row.case, row.episodes, row.first_seed, row.margin_reserve_m

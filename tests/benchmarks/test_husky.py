@@ -83,12 +83,12 @@ def test_every_method_drives(monkeypatch, method):
 
 
 def test_rows_that_are_there_are_not_computed_again(tmp_path, monkeypatch, capsys):
-    row = command.Row("husky", 4, 0.7, "CFPG", 100, 7, *[100.0] * 5, 0.0, 0.0, 0.8, 1.6, 12.0)
+    row = command.Row("husky", 4, 0.7, "CFPG", 100, 7, 0.12, *[100.0] * 5, 0.0, 0.0, 0.8, 1.6, 12.0)
     command.write_result(tmp_path / "rows.json", [row])
     monkeypatch.setattr(command, "measure", None)
     line = ["--cases", "1", "--first-seed", "7", "--json", str(tmp_path / "rows.json")]
     assert command.main(line) == 0
-    assert "| 4 husky | 0.7 | CFPG | 100 |" in capsys.readouterr().out
+    assert "| 4 husky | 0.7 | CFPG | 0.12 | 100 |" in capsys.readouterr().out
     assert read_result(tmp_path / "rows.json", list[command.Row]) == [row]
 
 
