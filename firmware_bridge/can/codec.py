@@ -2,14 +2,14 @@
 
 import math
 from pathlib import Path
-from typing import NamedTuple, SupportsFloat, cast
+from typing import NamedTuple
 
-from cantools.database.can import Message
 from cantools.database.errors import DecodeError
 
 from firmware_bridge.can.e2e import Protection, counter_of, protect
 from firmware_bridge.can.frame import Frame
 from firmware_bridge.can.profile import Gains, Profile, Step
+from firmware_bridge.can.reader import Reader
 from firmware_bridge.can.vocabulary import read_vocabulary
 from firmware_bridge.kinematics.base import BaseMotion
 
@@ -55,14 +55,14 @@ class CanCodec:
 
     def decode(self, frame: Frame) -> Decoded | None:
         """Return what a feedback frame says; None for other frames, our own echoes included."""
-        message = self._feedback.get((frame.frame_id, frame.extended))
-        if message is None:
+        reader = self._feedback.get((frame.frame_id, frame.extended))
+        if reader is None:
             return None
-        values = self._values(message, frame.data)
+        values = self._values(reader, frame.data[: reader.length])
         if values is None:
             self.malformed += 1
             return None
-        return Decoded(message.name, values)
+        return Decoded(reader.name, values)
 
     def _frame(self, name: str, values: dict[str, float]) -> Frame:
         data = self._layouts[name].encode(values)
@@ -77,16 +77,13 @@ class CanCodec:
         self._counters[name] = counter
         return protect(data, counter, protection)
 
-    def _values(self, message: Message, data: bytes) -> dict[str, float] | None:
-        if len(data) < message.length or not self._is_fresh(message.name, data[: message.length]):
+    def _values(self, reader: Reader, data: bytes) -> dict[str, float] | None:
+        if len(data) < reader.length or not self._is_fresh(reader.name, data):
             return None
         try:
-            decoded = message.decode_simple(data[: message.length], decode_choices=False)
+            values = reader.read(data)
         except (DecodeError, ValueError):
             return None
-        values = {
-            f"{message.name}.{name}": float(cast(SupportsFloat, value)) for name, value in decoded.items()
-        }
         return values if all(map(math.isfinite, values.values())) else None
 
     def _is_fresh(self, name: str, data: bytes) -> bool:

@@ -34,19 +34,24 @@ class FeedbackRules:
             self._longest_s[signal] = feedback.stale_s[signal.partition(".")[0]]
         self._times_s = dict.fromkeys(self._longest_s, -math.inf)
         self._fresh_until_s = -math.inf
+        """Until then at least all of them are fresh."""
+        self._ruling = frozenset(rule.signal for rule in feedback.rules)
         self._judged: Health | None = None
         """What the newest values mean while all of them are fresh; None until somebody asks."""
 
     def take(self, decoded: Decoded, now_s: float) -> None:
         """Remember one frame."""
-        self._values.update(decoded.values)
-        self._times_s.update(dict.fromkeys(self._times_s.keys() & decoded.values.keys(), now_s))
+        values = decoded.values
+        if any(values[name] != self._values.get(name) for name in self._ruling & values.keys()):
+            self._judged = None
+        self._values.update(values)
+        self._times_s.update(dict.fromkeys(self._times_s.keys() & values.keys(), now_s))
         self._times_s[decoded.message] = now_s
-        self._fresh_until_s = min(self._times_s[name] + age for name, age in self._longest_s.items())
-        self._judged = None
 
     def health(self, now_s: float) -> Health:
         """Judge: an override goes before stale feedback, that before faults, those before not being ready."""
+        if now_s > self._fresh_until_s:
+            self._fresh_until_s = min(self._times_s[name] + age for name, age in self._longest_s.items())
         if now_s > self._fresh_until_s:
             return self._judge(now_s)
         if self._judged is None:

@@ -14,8 +14,8 @@ _FLOATS = {16: struct.Struct(">e"), 32: struct.Struct(">f"), 64: struct.Struct("
 _LARGEST_FLOAT = {16: 65504.0, 32: 3.4e38, 64: 1.7e308}
 
 
-class _Place(NamedTuple):
-    """Where and how one signal is written."""
+class Place(NamedTuple):
+    """Where one signal stands in its message's bytes, and how."""
 
     low: float
     high: float
@@ -35,10 +35,10 @@ class Layout:
     """Encodes one message that has no multiplexer."""
 
     def __init__(self, message: Message) -> None:
-        self.ranges = {signal.name: _range(signal) for signal in message.signals}
-        """The least and the greatest physical value that each signal carries."""
         self._bytes = message.length
-        self._places = {s.name: _place(s, message.length, *self.ranges[s.name]) for s in message.signals}
+        self._places = {signal.name: place(signal, message.length) for signal in message.signals}
+        self.ranges = {name: (place.low, place.high) for name, place in self._places.items()}
+        """The least and the greatest physical value that each signal carries."""
         self._big = self._little = 0
         self._big, self._little = self._written(dict.fromkeys(self.ranges, 0.0))
 
@@ -67,12 +67,14 @@ class Layout:
         return big, little
 
 
-def _place(signal: Signal, message_bytes: int, low: float, high: float) -> _Place:
+def place(signal: Signal, message_bytes: int) -> Place:
+    """Find a signal in a message of so many bytes."""
+    low, high = _range(signal)
     little = signal.byte_order == "little_endian"
     byte, bit = divmod(signal.start, 8)
     # A big-endian signal starts with its most significant bit, and bytes count from the left.
     shift = signal.start if little else 8 * (message_bytes - 1 - byte) + bit - signal.length + 1
-    return _Place(
+    return Place(
         low=low,
         high=high,
         scale=float(signal.scale),

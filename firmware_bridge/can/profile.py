@@ -105,12 +105,16 @@ class Feedback(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One holds: an operator, or an emergency stop, has the robot."""
 
     @property
+    def rules(self) -> tuple[Rule, ...]:
+        """All of them."""
+        return (*self.ready, *self.fault, *self.warn, *self.override)
+
+    @property
     def signals(self) -> list[str]:
         """Every signal that a rule or the motion rests on."""
-        rules = (*self.ready, *self.fault, *self.warn, *self.override)
         motion = self.motion
         measured = (*motion.forward, *motion.lateral, *motion.yaw, *motion.steering)
-        return list(dict.fromkeys([*(rule.signal for rule in rules), *measured]))
+        return list(dict.fromkeys([*(rule.signal for rule in self.rules), *measured]))
 
 
 class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -12,6 +12,7 @@ from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
 from firmware_bridge.can.layout import Layout
 from firmware_bridge.can.profile import Profile, Step
+from firmware_bridge.can.reader import Reader
 
 LARGEST_DBC = 1 << 22
 """Bytes; a whole vehicle's takes half of it."""
@@ -28,7 +29,7 @@ class Vocabulary(NamedTuple):
     """How each command is written."""
     identifiers: dict[str, Identifier]
     """Of every message used."""
-    feedback: dict[Identifier, Message]
+    feedback: dict[Identifier, Reader]
 
 
 def read_vocabulary(profile: Profile, path: Path) -> Vocabulary:
@@ -53,7 +54,7 @@ class _Reader:
         identifiers = self._identifiers([*layouts, *feedback])
         self._check_protection()
         self._check_limits(layouts)
-        told = {identifiers[name]: self._messages[name] for name in feedback}
+        told = {identifiers[name]: Reader(self._messages[name]) for name in feedback}
         return Vocabulary(layouts, identifiers, told)
 
     def _commands(self) -> dict[str, Layout]:

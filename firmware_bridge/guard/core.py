@@ -88,10 +88,11 @@ class Guard:
         self.phase = Phase.WATCHING
         self.events: deque[Event | Complaint] = deque()
         """Changes of phase, and the firmware's complaints, not yet told to the runtime."""
+        self.filenos = link.filenos()
+        """File descriptors of the link, which is open; none once it has failed."""
         self._link = link
         self._spec = spec
         self._leaving = False
-        self._deaf = False
         self._last_sequence = -1
         self._fresh_until_s = -math.inf
         self._speeding = Speeding(spec.limits.speed_m_s)
@@ -114,10 +115,6 @@ class Guard:
     def holds_robot(self) -> bool:
         """Whether the robot may move by our commands, or was moved by them and has not been stopped yet."""
         return self.phase in _TOUCHING or self.phase is Phase.STOPPING
-
-    def filenos(self) -> tuple[int, ...]:
-        """File descriptors of the link, none once it has failed."""
-        return () if self._deaf else self._link.filenos()
 
     def report(self) -> Report:
         """Return what the runtime should know now."""
@@ -151,7 +148,7 @@ class Guard:
         try:
             self._link.receive(now_s)
         except BridgeError as error:
-            self._deaf = True
+            self.filenos = ()
             self.stop(str(error), now_s)
 
     def on_time(self, now_s: float) -> None:

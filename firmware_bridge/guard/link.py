@@ -97,7 +97,7 @@ class Link(Protocol):
         ...
 
     def filenos(self) -> tuple[int, ...]:
-        """File descriptors whose readability calls ``receive``."""
+        """File descriptors whose readability calls ``receive``; the same from ``open`` to ``close``."""
         ...
 
     def receive(self, now_s: float) -> None:

@@ -36,8 +36,6 @@ from firmware_bridge.guard.wire import (
 )
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-PACKETS_A_PASS = 16
-"""Commands read before the bus gets its turn."""
 LONGEST_WAIT_S = 60.0
 
 
@@ -48,7 +46,8 @@ class Loop:
         self._guard = guard
         self._runtime = runtime
         self._wake = wake
-        self._connected = True
+        self._runtime_fd, self._wake_fd = runtime.fileno(), wake.fileno()
+        self._heard: tuple[int, ...] = (self._wake_fd, self._runtime_fd)
         self._told: Report | None = None
 
     def run(self) -> None:
@@ -56,37 +55,33 @@ class Loop:
         self._tell()
         while not self._guard.finished:
             readable = self._wait()
-            if self._runtime.fileno() in readable:
+            if self._runtime_fd in readable:
                 self._read_runtime()
-            if self._wake.fileno() in readable:
+            if self._wake_fd in readable:
                 name = signal.Signals(self._wake.recv(1)[0]).name
                 self._guard.on_leave(f"the guard received {name}", time.monotonic())
-            if not readable.isdisjoint(self._guard.filenos()):
+            if not readable.isdisjoint(self._guard.filenos):
                 self._guard.on_feedback(time.monotonic())
             self._guard.on_time(time.monotonic())
             self._tell()
 
     def _wait(self) -> set[int]:
-        sources = [self._wake.fileno(), *self._guard.filenos()]
-        if self._connected:
-            sources.append(self._runtime.fileno())
+        sources = (*self._heard, *self._guard.filenos)
         wait_s = self._guard.next_due_s() - time.monotonic()
         readable, _, _ = select.select(sources, (), (), min(max(wait_s, 0.0), LONGEST_WAIT_S))
         return set(readable)
 
     def _read_runtime(self) -> None:
-        for _ in range(PACKETS_A_PASS):
-            try:
-                packet = self._runtime.recv(PACKET_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:
-                packet = b""
-            if not packet:
-                self._connected = False
-                self._guard.on_leave("the runtime's socket closed", time.monotonic())
-                return
+        """Take one packet: then the bus gets its turn."""
+        try:
+            packet = self._runtime.recv(PACKET_BYTES)
+        except OSError:
+            packet = b""
+        if packet:
             self._guard.on_packet(packet, time.monotonic())
+        else:
+            self._heard = (self._wake_fd,)
+            self._guard.on_leave("the runtime's socket closed", time.monotonic())
 
     def _tell(self) -> None:
         """Send events, then the report if it changed; a full socket keeps events for the next pass."""

@@ -1,7 +1,9 @@
-"""Messages drawn at random, encoded here and by cantools."""
+"""Messages drawn at random, encoded and decoded here and by cantools."""
 
+import functools
 import struct
 
+import cantools
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
@@ -9,8 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_bridge.can.layout import Layout
+from firmware_bridge.can.profile import PROFILES
+from firmware_bridge.can.reader import Reader
 
 BYTES = 8
+
+
+@functools.cache
+def database(path):
+    return cantools.database.load_file(path)
 
 
 def signal(
@@ -75,9 +84,32 @@ def test_writes_what_cantools_writes(drawn, data):
     assert layout.encode(values) == drawn.encode(whole, strict=False)
 
 
+def assert_reads_what_cantools_reads(message, data):
+    expected = message.decode_simple(data, decode_choices=False)
+    read = Reader(message).read(data)
+    assert read == pytest.approx(
+        {f"{message.name}.{n}": v for n, v in expected.items()}, rel=1e-15, nan_ok=True
+    )
+
+
+@given(messages(), st.binary(min_size=BYTES, max_size=BYTES))
+def test_reads_what_cantools_reads(drawn, data):
+    assert_reads_what_cantools_reads(drawn, data)
+
+
+@pytest.mark.parametrize("file", sorted(PROFILES.glob("*.dbc")), ids=lambda path: path.stem)
+@given(data=st.binary(min_size=BYTES, max_size=BYTES))
+def test_reads_the_packaged_robots_messages_as_cantools_does(file, data):
+    for known in database(file).messages:
+        if not known.is_multiplexed():
+            assert_reads_what_cantools_reads(known, data[: known.length])
+
+
 def test_both_byte_orders_in_one_message():
     mixed = message(signal("A", 7, 12, False, signed=True), signal("B", 32, 20, True, scale=0.5))
-    assert Layout(mixed).encode({"A": -3, "B": 1000.5}) == mixed.encode({"A": -3, "B": 1000.5})
+    data = mixed.encode({"A": -3, "B": 1000.5})
+    assert Layout(mixed).encode({"A": -3, "B": 1000.5}) == data
+    assert Reader(mixed).read(data) == {"M.A": -3, "M.B": 1000.5}
 
 
 def test_what_is_not_given_is_zero_in_physical_units():

@@ -346,13 +346,13 @@ def test_a_refused_setpoint_stops():
 
 def test_a_lost_bus_stops_and_is_not_listened_to_again():
     rig = Rig().driving()
-    assert rig.guard.filenos() == (0,)
+    assert rig.guard.filenos == (0,)
     rig.guard.on_feedback(rig.now)
     assert rig.link.log == ["receive"]
     rig.link.failing = {"receive"}
     rig.guard.on_feedback(rig.now)
     assert rig.link.log == ["receive", "stop 1"]
-    assert rig.guard.filenos() == ()
+    assert rig.guard.filenos == ()
     rig.run(1.0)
     assert rig.guard.phase is Phase.STOPPED
 
