@@ -43,12 +43,6 @@ class CanCodec:
             for name, signals in self._profile.motion.items()
         )
 
-    def rehearse(self, motion: BaseMotion) -> None:
-        """Encode a motion and forget it: the next frame's counter does not advance."""
-        counters = self._counters.copy()
-        self.encode(motion)
-        self._counters = counters
-
     def encode_step(self, step: Step) -> Frame:
         """Return the frame of one step of a sequence."""
         return self._frame(step.message, step.signals)

@@ -125,10 +125,6 @@ class CanLink:
         """Send the frames of one setpoint, once."""
         self._command(self._motion(setpoint))
 
-    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:  # noqa: ARG002
-        """Encode one setpoint, and forget it."""
-        self._codec.rehearse(self._motion(setpoint))
-
     def keepalive(self, fresh: bool, now_s: float) -> None:
         """CAN robots know no heartbeat of ours."""
 

@@ -131,14 +131,6 @@ class Link(Protocol):
         """
         ...
 
-    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:
-        """Do what ``send`` would, but put nothing on the wire and change nothing.
-
-        Raises:
-            BridgeError: as ``send``.
-        """
-        ...
-
     def stop_sequence(self) -> Steps:
         """Bring the robot to rest, ramped from the last sent setpoint where the profile says so.
 

@@ -110,10 +110,6 @@ class Channel:
         """What was said before anybody was known to listen does not count."""
         self._forgotten = self._opened().dropped
 
-    def rehearse(self, content: Outgoing, now_s: float) -> None:
-        """Encode one message, and forget it."""
-        self._encoder.rehearse(content, now_s)
-
     def renew_signing(self) -> None:
         """Keep signing timestamps in reserve; cheap enough for every second."""
         if self._signing is not None:

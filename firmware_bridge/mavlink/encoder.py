@@ -39,10 +39,6 @@ class Encoder:
         self._packer.seq = (self._packer.seq + 1) % 256
         return frame
 
-    def rehearse(self, content: Outgoing, now_s: float) -> None:
-        """Pack one frame and forget it: neither its number nor a signing timestamp is used up."""
-        self._frame(content, now_s, 0)
-
     def _frame(self, content: Outgoing, now_s: float, tick: int) -> bytes:
         if isinstance(content, Target):
             frame = self._setpoint(content, now_s)

@@ -151,10 +151,6 @@ class MavlinkLink:
             self._facts.vehicle.expect(self._profile.command_mode)
         self._channel.send(self._follower.follow(setpoint, self._known_state()), now_s)
 
-    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:
-        """Encode one setpoint, and forget it."""
-        self._channel.rehearse(self._follower.rehearse(setpoint, self._known_state()), now_s)
-
     def stop_sequence(self) -> Steps:
         """Command zero at once, then the stop mode until a heartbeat confirms it."""
         return self._engagement.stop()

@@ -73,14 +73,6 @@ class Follower:
             return Target(LOCAL_NED, VELOCITY_AND_YAW_RATE, target, -yaw_rate)
         return Target(LOCAL_NED, VELOCITY_ONLY, target)
 
-    def rehearse(self, setpoint: Setpoint, state: RobotState) -> Target:
-        """Return what ``follow`` would, and keep the integrated velocity; raises as ``follow``."""
-        kept = self._velocity, self._yaw_rate
-        try:
-            return self.follow(setpoint, state)
-        finally:
-            self._velocity, self._yaw_rate = kept
-
     def _integrate(self, action: Vector, state: RobotState) -> tuple[Vector, float]:
         """Return velocity and yaw rate that the motion model reaches in one period."""
         if self._velocity is not None:

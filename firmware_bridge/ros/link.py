@@ -143,10 +143,6 @@ class RosLink:
         """Publish one setpoint, once."""
         self._client.publish(self._message(self._motion(setpoint), now_s))
 
-    def rehearse(self, setpoint: Setpoint, now_s: float) -> None:
-        """Compose one setpoint, and forget it."""
-        self._message(self._motion(setpoint), now_s)
-
     def keepalive(self, fresh: bool, now_s: float) -> None:
         """ROS robots know no heartbeat of ours."""
 

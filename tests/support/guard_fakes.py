@@ -30,7 +30,6 @@ class FakeLink:
         self.recoveries = recoveries
         self.condition, self.detail, self.warning = condition, "detail", ""
         self.log: list[object] = []
-        self.rehearsed: list[tuple[int, float]] = []
         self.failing: set[str] = set()
         self.stop_delay_s = 0.1
         self.newest: RobotState | None = None
@@ -69,11 +68,6 @@ class FakeLink:
 
     def send(self, setpoint: Setpoint, now_s) -> None:
         self._do("send", setpoint.sequence)
-
-    def rehearse(self, setpoint: Setpoint, now_s) -> None:
-        self.rehearsed.append((setpoint.sequence, now_s))
-        if "rehearse" in self.failing:
-            raise BridgeError("rehearse failed")
 
     def stop_sequence(self):
         self._do("stop 1")

@@ -136,12 +136,6 @@ class TestProtection:
         counters = [generic.encode(BaseMotion())[0].data[1] & 0x0F for _ in range(17)]
         assert counters == [*range(15), 0, 1]
 
-    def test_a_rehearsal_does_not_count(self):
-        generic = codec("generic")
-        first = generic.encode(BaseMotion())[0]
-        generic.rehearse(BaseMotion(0.5))
-        assert generic.encode(BaseMotion())[0].data[1] & 0x0F == (first.data[1] & 0x0F) + 1
-
     def test_feedback_with_wrong_crc_or_old_counter_is_refused(self, tmp_path):
         ids = list(range(1, 17))
         table = f'[protection.Status]\nprofile = "e2e_p02"\ndata_id_list = {ids}\n'

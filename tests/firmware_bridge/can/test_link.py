@@ -121,13 +121,6 @@ def test_sends_each_setpoint_once_in_the_body_frame(rig):
     assert len(rig.wire.sent) == 1
 
 
-def test_a_rehearsal_sends_nothing_and_leaves_nothing_to_ramp_down(rig):
-    rig.link.rehearse(Setpoint(0, rig.now, (0.0, 0.0), (0.5, 0.1)), rig.now)
-    assert rig.wire.sent == []
-    rig.play(rig.link.stop_sequence())
-    assert rig.speeds() == [0, 0, 0]
-
-
 def test_a_full_queue_drops_the_newest_and_counts(rig):
     rig.wire.full = 1
     rig.command((0.5, 0.0))

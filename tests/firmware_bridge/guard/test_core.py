@@ -174,36 +174,6 @@ def test_commands_end_while_enabling():
     assert rig.link.log == ["enable 1", "stop 1", "stop 2"]
 
 
-def test_the_next_commands_way_is_rehearsed_once_a_millisecond_before_it():
-    rig = Rig().driving()
-    sent_s, counts = rig.now, rig.guard.report().counts
-    assert rig.guard.next_due_s() == pytest.approx(sent_s + 0.019)
-    rig.link.rehearsed.clear()
-    rig.wait(0.0189)
-    assert rig.link.rehearsed == []
-    rig.wait(0.0002)
-    assert rig.link.rehearsed == [(rig.sequence, rig.now)]
-    rig.wait(0.0009)
-    assert len(rig.link.rehearsed) == 1
-    assert rig.link.log == []
-    assert rig.guard.report().counts == counts
-
-
-def test_what_a_rehearsal_runs_into_is_left_to_the_command():
-    rig = Rig().driving()
-    rig.link.failing = {"rehearse"}
-    rig.run(0.1)
-    assert rig.guard.phase is Phase.DRIVING
-    assert [entry[0] for entry in rig.link.log] == ["send"] * 5
-
-
-def test_commands_that_are_not_forwarded_are_not_rehearsed():
-    rig = Rig(FakeLink(Condition.WAITING), arm=False)
-    rig.run(0.1)
-    assert rig.link.rehearsed == []
-    assert rig.guard.next_due_s() == math.inf
-
-
 def test_a_stop_is_final():
     rig = Rig().driving()
     rig.guard.on_packet(encode_stop("enough", rig.now), rig.now)

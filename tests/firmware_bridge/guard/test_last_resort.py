@@ -26,7 +26,7 @@ FOREIGN = (
     OSError(errno.EHOSTUNREACH, "No route to host"),
     SystemExit(3),
 )
-CALLS = ("receive", "health", "state", "dropped", "send", "rehearse", "keepalive")
+CALLS = ("receive", "health", "state", "dropped", "send", "keepalive")
 
 
 class BrokenLink(FakeLink):

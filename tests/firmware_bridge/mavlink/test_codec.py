@@ -406,23 +406,6 @@ class TestWriting:
         encoder = Encoder(255, (1, 1))
         assert [encoder.encode(Beat(), 0.0)[4] for _ in range(258)] == [*range(256), 0, 1]
 
-    @pytest.mark.parametrize("outgoing", [Beat(), Target(8, 0x5C7, (1.5, -0.5, 0.0))])
-    def test_a_rehearsal_uses_up_no_number_and_no_timestamp(self, outgoing, signing):
-        encoder = Encoder(255, (1, 1), signing)
-        first = encoder.encode(outgoing, 0.0)
-        last = signing.timestamps.last
-        encoder.rehearse(outgoing, 0.0)
-        assert signing.timestamps.last == last
-        second = encoder.encode(outgoing, 0.0)
-        assert second[4] == first[4] + 1
-        oracle = common.MAVLink(None)
-        oracle.signing.secret_key = KEY
-        assert all(oracle.decode(bytearray(frame)).get_signed() for frame in (first, second))
-
-    def test_a_rehearsal_fails_where_the_frame_would(self):
-        with pytest.raises(UnicodeEncodeError):
-            Encoder(255, (1, 1)).rehearse(ParameterRequest("Ü"), 0.0)
-
     def test_without_a_key_frames_are_not_signed(self):
         assert Encoder(255, (1, 1)).encode(Beat(), 0.0)[2] == 0
 

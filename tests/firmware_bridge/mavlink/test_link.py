@@ -132,22 +132,6 @@ def test_acknowledgements_do_not_count_as_arming(connect, clock, profile):
         walk(link, link.enable_sequence(), clock)
 
 
-@pytest.mark.parametrize("profile", PROFILES)
-def test_a_rehearsal_puts_nothing_on_the_wire_and_changes_no_setpoint(connect, clock, profile):
-    sent = []
-    for rehearsals in (0, 3):
-        link, autopilot = connect(profile)
-        drive(link, clock)
-        before = len(autopilot.setpoints())
-        for _ in range(rehearsals):
-            link.rehearse(command(), clock.now_s)
-        assert len(autopilot.setpoints()) == before
-        link.send(command(), clock.now_s)
-        message = autopilot.setpoints()[-1]
-        sent.append([getattr(message, name) for name in ("vx", "vy", "afx", "afy", "yaw_rate")])
-    assert sent[0] == sent[1]
-
-
 class TestPx4:
     def test_setpoints_stream_for_a_second_before_offboard_is_asked_for(self, connect, clock):
         link, autopilot = connect("px4")

@@ -53,22 +53,6 @@ def test_without_drag_the_leak_bounds_what_a_small_bias_adds_up_to():
     assert target.velocity_m_s[1] == pytest.approx(0.1 / 0.5, rel=0.02)
 
 
-@pytest.mark.parametrize("motion", SetpointKind)
-def test_a_rehearsal_gives_the_same_and_is_forgotten(motion):
-    autopilot = follower(motion, FREE, AHEAD)
-    for action in ((0.5, 0.1), (0.25, -0.5)):
-        command = setpoint(action)
-        rehearsed = [autopilot.rehearse(command, state()) for _ in range(3)]
-        assert rehearsed == [autopilot.follow(command, state())] * 3
-
-
-def test_a_refused_rehearsal_is_forgotten():
-    rover = follower(SetpointKind.FORWARD_AND_YAW_RATE, FREE)
-    with pytest.raises(BridgeError, match="cannot move sideways"):
-        rover.rehearse(setpoint((0.0, 1.0)), state((0.0, 0.9)))
-    assert rover.follow(setpoint((0.1, 0.0)), state()).velocity_m_s[0] == pytest.approx(0.1 * 0.02 * 0.99)
-
-
 @given(st.lists(actions, min_size=1, max_size=60))
 def test_integrated_velocity_never_passes_the_limit(commands):
     px4 = follower(SetpointKind.VELOCITY, FREE)

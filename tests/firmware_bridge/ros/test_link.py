@@ -95,12 +95,6 @@ def test_the_librarys_threads_never_go_before_everything_else(rig, monkeypatch):
     assert rig.client.log[:2] == ["ordinary", "connect"]
 
 
-def test_a_rehearsal_publishes_nothing(rig):
-    rig.open()
-    rig.link.rehearse(Setpoint(0, rig.now, (0.0, 0.0), (0.5, 0.0)), rig.now)
-    assert rig.client.published == []
-
-
 def test_nothing_is_commanded_before_there_is_odometry(rig):
     with pytest.raises(BridgeError, match=f"no odometry on {ODOMETRY}"):
         rig.link.send(Setpoint(0, 0.0, (0.0, 0.0), (0.5, 0.0)), rig.now)
