@@ -6,16 +6,18 @@ import importlib
 import inspect
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from urllib.parse import parse_qsl
 
 import can
 from can.interfaces import BACKENDS
 from can.interfaces.slcan import slcanBus
+from can.interfaces.socketcan import SocketcanBus
+from can.typechecking import CanFilter
 from can.util import cast_from_string
 
 from edge_runtime.errors import BridgeError, ConfigError
-from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.frame import Frame, Identifier
 
 BUS_OFF = 0x40
 """Error class of an error frame, Linux's CAN_ERR_BUSOFF; python-can's bus state does not change with it."""
@@ -96,6 +98,13 @@ class CanBus:
         if bus is not None:
             with contextlib.suppress(can.CanError, OSError):
                 bus.shutdown()
+
+    def hear_only(self, identifiers: Iterable[Identifier]) -> None:
+        """Have the kernel drop other data frames, if it knows frames; errors of the bus still come."""
+        bus = self._open_bus()
+        if isinstance(bus, SocketcanBus):
+            masks = {False: 0x7FF, True: 0x1FFFFFFF}
+            bus.set_filters([CanFilter(can_id=i, can_mask=masks[e], extended=e) for i, e in identifiers])
 
     def fileno(self) -> int:
         """File descriptor that is readable when frames have arrived."""

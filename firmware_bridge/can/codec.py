@@ -34,6 +34,8 @@ class CanCodec:
         """Feedback frames refused so far: wrong length, CRC, repeated counter, not finite."""
         self._profile = profile
         self._layouts, self._identifiers, self._feedback = read_vocabulary(profile, path)
+        self.heard = tuple(self._feedback)
+        """Identifiers of the feedback; what other frames say is of no interest."""
         self._counters: dict[str, int] = {}
 
     def encode(self, motion: BaseMotion) -> tuple[Frame, ...]:

@@ -1,7 +1,10 @@
 """Frames, and the transport that carries them: SocketCAN, another CAN adapter, or a serial port."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple, Protocol
+
+Identifier = tuple[int, bool]
+"""Frame id, and whether it is an extended one of 29 bits."""
 
 
 class Frame(NamedTuple):
@@ -30,6 +33,10 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Let it go."""
+        ...
+
+    def hear_only(self, identifiers: Iterable[Identifier]) -> None:
+        """Have the system drop other data frames where it can: they wake nobody then."""
         ...
 
     def fileno(self) -> int:

@@ -6,12 +6,12 @@ Source: the vendor's public ROS driver, limo_base.
 
 import os
 import select
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import serial
 
 from edge_runtime.errors import BridgeError
-from firmware_bridge.can.frame import Frame
+from firmware_bridge.can.frame import Frame, Identifier
 
 BAUD = 460_800
 HEADER = b"\x55\x0e"
@@ -72,6 +72,9 @@ class LimoPort:
             self._port = serial.Serial(self._device, BAUD, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, ValueError) as error:
             raise BridgeError(f"--bus {self._device}: the serial port cannot be opened ({error})") from error
+
+    def hear_only(self, identifiers: Iterable[Identifier]) -> None:
+        """No serial port knows what it carries."""
 
     def close(self) -> None:
         """Close the port."""

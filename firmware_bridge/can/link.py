@@ -81,6 +81,7 @@ class CanLink:
             self.firmware_timeout_s, self.firmware_timeout_source = command_timeout_s(
                 self._transport, self._profile.vesc
             )
+        self._transport.hear_only(self._codec.heard)
 
     def close(self) -> None:
         """Close the bus."""

@@ -10,6 +10,7 @@ from cantools.database.can import Database, Message
 
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
+from firmware_bridge.can.frame import Identifier
 from firmware_bridge.can.layout import Layout
 from firmware_bridge.can.profile import Profile, Step
 from firmware_bridge.can.reader import Reader
@@ -18,8 +19,6 @@ LARGEST_DBC = 1 << 22
 """Bytes; a whole vehicle's takes half of it."""
 LONGEST_BYTES = 8
 """Of a classic CAN frame; those of CAN FD are not spoken."""
-Identifier = tuple[int, bool]
-"""Frame id, and whether it is an extended one of 29 bits."""
 
 
 class Vocabulary(NamedTuple):

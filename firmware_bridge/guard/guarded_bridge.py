@@ -111,6 +111,8 @@ class GuardedBridge:
     def new_poses(self) -> Sequence[float]:
         """Take in what has arrived; returns the stamps of the states that came since the last call."""
         self._receive()
+        if not self._new_poses:
+            return ()
         poses = tuple(self._new_poses)
         self._new_poses.clear()
         return poses

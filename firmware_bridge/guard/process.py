@@ -10,6 +10,7 @@ start.
 import contextlib
 import gc
 import importlib
+import math
 import os
 import select
 import signal
@@ -37,6 +38,8 @@ from firmware_bridge.guard.wire import (
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 LONGEST_WAIT_S = 60.0
+COUNTS_S = 0.1
+"""Between two reports of which only the counts are new."""
 
 
 class Loop:
@@ -49,6 +52,7 @@ class Loop:
         self._runtime_fd, self._wake_fd = runtime.fileno(), wake.fileno()
         self._heard: tuple[int, ...] = (self._wake_fd, self._runtime_fd)
         self._told: Report | None = None
+        self._told_s = -math.inf
 
     def run(self) -> None:
         """Serve until the guard has finished."""
@@ -89,8 +93,14 @@ class Loop:
         while self._guard.events and self._send(encode_event(self._guard.events[0], now_s)):
             self._guard.events.popleft()
         report = self._guard.report()
-        if report != self._told and self._send(encode_report(report, now_s)):
-            self._told = report
+        if self._is_news(report, now_s) and self._send(encode_report(report, now_s)):
+            self._told, self._told_s = report, now_s
+
+    def _is_news(self, report: Report, now_s: float) -> bool:
+        told = self._told
+        if told is None or report.state != told.state or report.phase is not told.phase:
+            return True
+        return report != told and now_s - self._told_s >= COUNTS_S
 
     def _send(self, packet: bytes) -> bool:
         try:

@@ -42,6 +42,7 @@ class Kind(enum.IntEnum):
 
 
 _COMMAND_MARK = struct.pack("<HB", MAGIC, Kind.COMMAND)
+_REPORT_MARK = struct.pack("<HB", MAGIC, Kind.REPORT)
 
 
 class Phase(enum.IntEnum):
@@ -175,21 +176,25 @@ def decode_answer(packet: bytes) -> Report | Event | Complaint:
     Raises:
         WireError: if it is not exactly one report, event or complaint.
     """
+    if packet.startswith(_REPORT_MARK) and len(packet) == _REPORT.size:
+        return _report(packet)
     kind = _kind(packet)
     if kind == Kind.COMPLAINT and len(packet) == _EVENT.size:
         return Complaint(_untext(_EVENT.unpack(packet)[5]))
     if kind == Kind.EVENT and len(packet) == _EVENT.size:
         _, _, _, _, phase, text = _EVENT.unpack(packet)
         return Event(_phase(phase), _untext(text))
-    if kind == Kind.REPORT and len(packet) == _REPORT.size:
-        _, _, robot_id, stamp_s, phase, dims, *numbers, timeout_s = _REPORT.unpack(packet)
-        place, speed, turn, counts = numbers[:3], numbers[3:6], numbers[6:8], numbers[8:]
-        if dims not in (0, 2, 3):
-            raise WireError(f"a state of {dims} components")
-        state = RobotState(robot_id, stamp_s, tuple(place[:dims]), tuple(speed[:dims]), *turn)
-        known = None if math.isnan(timeout_s) else timeout_s
-        return Report(_phase(phase), Counts(*counts), state if dims else None, known)
     raise WireError(f"kind {kind} in {len(packet)} bytes")
+
+
+def _report(packet: bytes) -> Report:
+    _, _, robot_id, stamp_s, phase, dims, *numbers, timeout_s = _REPORT.unpack(packet)
+    place, speed, turn, counts = numbers[:3], numbers[3:6], numbers[6:8], numbers[8:]
+    if dims not in (0, 2, 3):
+        raise WireError(f"a state of {dims} components")
+    state = RobotState(robot_id, stamp_s, tuple(place[:dims]), tuple(speed[:dims]), *turn)
+    known = None if math.isnan(timeout_s) else timeout_s
+    return Report(_phase(phase), Counts(*counts), state if dims else None, known)
 
 
 def _command(packet: bytes) -> Setpoint:

@@ -29,6 +29,8 @@ from firmware_bridge.mavlink.profiles import Profile
 PATIENCE_S: Final = 2.0
 """So long the pose may come too seldom while it is asked for again."""
 ASK_AGAIN_S: Final = 0.4
+LOOK_S: Final = 0.02
+"""Between two looks at what comes too seldom: messages come more often."""
 TRIES: Final = 2
 """Without an answer to so many, nothing that the autopilot is asked will be acknowledged."""
 
@@ -73,7 +75,7 @@ class Streams:
         self._before_us: dict[int, int] = {}
         self._heard_s: dict[int, float] = {}
         self._queue: deque[int] = deque()
-        self._asked_s = self._again_s = self._sufficed_s = -math.inf
+        self._asked_s = self._again_s = self._sufficed_s = self._looked_s = -math.inf
         self._settled_s = math.inf
         self._tries = 0
 
@@ -138,6 +140,9 @@ class Streams:
 
     def watch(self, now_s: float) -> None:
         """Ask again for what comes too seldom, and take note if that does not help."""
+        if now_s - self._looked_s < LOOK_S:
+            return
+        self._looked_s = now_s
         if self._rate.suffices(now_s):
             self._sufficed_s, self.fault = now_s, ""
         elif now_s - max(self._sufficed_s, self._settled_s) > PATIENCE_S:

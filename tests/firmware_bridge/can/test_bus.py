@@ -11,6 +11,8 @@ import tty
 
 import can
 import pytest
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.socketcan.utils import pack_filters
 from can_peers import multicast_address
 from waiting import until
 
@@ -208,6 +210,27 @@ def bus(driver):  # noqa: ARG001  # what it opens
     opened = CanBus("can0")
     opened.open()
     return opened
+
+
+def test_the_kernel_drops_frames_that_are_of_no_interest(monkeypatch):
+    asked = []
+    monkeypatch.setattr(can, "Bus", lambda **_: SocketcanBus.__new__(SocketcanBus))
+    for name, does in (("fileno", lambda _: 3), ("__del__", lambda _: None)):
+        monkeypatch.setattr(SocketcanBus, name, does)
+    monkeypatch.setattr(
+        SocketcanBus, "_apply_filters", lambda _, filters: asked.append(pack_filters(filters))
+    )
+    opened = CanBus("can0")
+    opened.open()
+    opened.hear_only([(0x211, False), (0x301, True)])
+    extended = 1 << 31
+    assert asked == [struct.pack("=4I", 0x211, 0x7FF | extended, 0x301 | extended, 0x1FFFFFFF | extended)]
+
+
+def test_a_bus_that_knows_no_filters_brings_everything(driver, bus):
+    bus.hear_only([(0x211, False)])
+    driver.arriving = [can.Message(arbitration_id=0x301)]
+    assert list(bus.receive()) == [Frame(0x301, b"", extended=True)]
 
 
 @pytest.mark.parametrize(

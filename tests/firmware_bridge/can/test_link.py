@@ -27,6 +27,7 @@ class Wire:
         self.arriving: list[Frame] = []
         self.full = 0
         self.is_open = False
+        self.heard = ()
         self.malformed = 0
 
     def open(self):
@@ -34,6 +35,10 @@ class Wire:
 
     def close(self):
         self.is_open = False
+
+    def hear_only(self, identifiers):
+        assert self.is_open
+        self.heard = identifiers
 
     def fileno(self):
         return 5
@@ -94,6 +99,7 @@ def test_opens_and_closes_its_transport(rig):
     rig.link.open()
     assert rig.wire.is_open
     assert rig.link.filenos() == (5,)
+    assert rig.wire.heard == ((0x211, False), (0x221, False))
     rig.link.close()
     assert not rig.wire.is_open
     assert rig.link.firmware_timeout_s == 0.5

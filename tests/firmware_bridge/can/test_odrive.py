@@ -42,6 +42,9 @@ class Drives:
         self._readable.close()
         self._end.close()
 
+    def hear_only(self, identifiers) -> None:
+        pass
+
     def fileno(self) -> int:
         return self._readable.fileno()
 

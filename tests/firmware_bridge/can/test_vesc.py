@@ -34,6 +34,9 @@ class Drives:
     def open(self) -> None:
         pass
 
+    def hear_only(self, identifiers) -> None:
+        pass
+
     def fileno(self) -> int:
         return 0
 

@@ -167,7 +167,7 @@ def test_leaving_the_bridge_stops_the_robot_and_reports_states(address):
         chassis.wait(stands_by(chassis))
     assert state.robot_id == 3
     assert state.position_m[0] > 0.2  # the point ahead of the axle that this profile steers
-    assert bridge.counts.forwarded >= 5
+    assert bridge.counts.forwarded
     assert_ramped_stop(chassis.frames)
 
 

@@ -14,8 +14,10 @@ from guard_fakes import FakeLink, spec
 from waiting import HANG_S
 
 import firmware_bridge.guard.process as guard_module
+from edge_runtime.messages import RobotState
+from firmware_bridge.guard.core import Guard
 from firmware_bridge.guard.link import Setpoint
-from firmware_bridge.guard.process import main, serve
+from firmware_bridge.guard.process import Loop, main, serve
 from firmware_bridge.guard.wire import Event, Phase, Report, decode_answer, encode_command
 
 
@@ -125,6 +127,23 @@ def test_what_has_not_changed_is_not_told_again():
     reports = [answer for answer in _drain(runtime) if isinstance(answer, Report)]
     runtime.end()
     assert [report.phase for report in reports] == [Phase.WATCHING, Phase.STOPPED]
+
+
+def test_counts_alone_are_told_now_and_then(monkeypatch):
+    runtime, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    guard = Guard(link := FakeLink(), spec(arm=False))
+    loop, told = Loop(guard, end, end), []
+    for now_s in (100.0, 100.02, 100.04, 100.11, 100.12):
+        monkeypatch.setattr(guard_module.time, "monotonic", lambda now_s=now_s: now_s)
+        guard.on_packet(encode_command(Setpoint(int(1e3 * now_s), now_s, (0.0, 0.0), (0.5, 0.0))), now_s)
+        if now_s == 100.12:
+            link.newest = RobotState(1, now_s, (3.0, 4.0), (5.0, 6.0), 7.0)
+        guard.events.clear()
+        loop._tell()
+        runtime.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            told.append((now_s, decode_answer(runtime.recv(512)).counts.forwarded))
+    assert told == [(100.0, 1), (100.11, 4), (100.12, 5)]
 
 
 def _drain(runtime):
