@@ -37,6 +37,7 @@ package() {  # package ARCHITECTURE PROCESSOR
     sed "s/VERSION/$version/" packaging/debian/postinst >"$root/DEBIAN/postinst"
     cp packaging/debian/before "$root/DEBIAN/preinst"
     cp packaging/debian/before "$root/DEBIAN/prerm"
+    cp packaging/debian/postrm "$root/DEBIAN/postrm"
     chmod 755 "$root"/DEBIAN/p*
     dpkg-deb --root-owner-group -Zgzip --build "$root" "$out" >/dev/null
     dpkg-deb --root-owner-group -Zgzip --build "$root" "$work/again.deb" >/dev/null
