@@ -214,7 +214,7 @@ def test_a_disk_that_is_full(log, tmp_path, capsys):
     assert refused(capsys, log, "-o", page) == f"edge-report: {page}: {full}"
     with pytest.raises(ConfigError, match=r"run\.gif: cannot be written \(No space left on device\)$"):
         animate_run(LogReport(str(log), 1, 100, 0, ""), tmp_path / "run.gif")
-    (tmp_path / "none.toml").write_text("")
+    (tmp_path / "none.toml").write_text("objectives = []\n")
     flags = ["--policy", str(log.parent / "straight"), "--objectives", str(tmp_path / "none.toml")]
     assert replay([str(log), *flags, "-o", str(picture)]) == 2
     assert capsys.readouterr().err == f"edge-replay: -o {picture}: {full}\n"
