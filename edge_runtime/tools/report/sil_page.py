@@ -13,7 +13,14 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from edge_runtime.tools.report.page import chart
 from edge_runtime.tools.report.page.document import Facts, Figure, Item, Note, Page, Section, Table, Verdict
-from firmware_bridge.sil.report.records import Evidence, Quality, RobotQuality, SilReport, describe_stop
+from firmware_bridge.sil.report.records import (
+    Evidence,
+    ObjectQuality,
+    Quality,
+    RobotQuality,
+    SilReport,
+    describe_stop,
+)
 
 LARGEST_REPORT: Final = 1 << 24
 """Bytes."""
@@ -61,12 +68,15 @@ def _verdicts(report: SilReport) -> list[Verdict]:
         Verdict("Deadlines missed", str(team.deadline_misses), f"{team.longest_burst} in a row at most"),
         Verdict("Collisions", str(team.collisions), good=team.collisions == 0),
         Verdict("At their goals", f"{team.goals_reached} of {report.robots_count}"),
-        *(
-            Verdict(each.name, f"{each.goal_distance_m:.3f} m", "from its goal", good=each.goal_reached)
-            for each in report.objects
-        ),
+        *map(_carried, report.objects),
         Verdict("Objectives violated", f"{100 * team.objective_violations_share:.2f} %", "of the time"),
     ]
+
+
+def _carried(one: ObjectQuality) -> Verdict:
+    return Verdict(
+        one.name, f"{one.least_goal_distance_m:.3f} m", "from its goal at best", good=one.goal_reached
+    )
 
 
 def _broken(report: SilReport) -> list[Item]:

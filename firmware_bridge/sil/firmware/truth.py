@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from edge_runtime.config.tracked import Tracked
 from edge_runtime.messages import Vector2
 from edge_runtime.objectives import Objective, SafetyMargin, SpeedLimit
 from firmware_bridge.sil.firmware.world import World
@@ -25,6 +26,15 @@ class RobotOutcome(msgspec.Struct, frozen=True):
     greatest_speed_m_s: float
 
 
+class ObjectOutcome(msgspec.Struct, frozen=True):
+    """How near a tracked object that has a goal came to it, in the same time."""
+
+    name: str
+    goal_distance_m: float
+    """At the end."""
+    least_goal_distance_m: float
+
+
 class Truth:
     """Follows the plant step by step; speed limits and safety margins are judged, nothing else has a limit.
 
@@ -33,6 +43,7 @@ class Truth:
         goals_m: of the robots, in its order; None for one that has none.
         objectives: what the team is asked.
         period_s: of one step.
+        tracked: the objects, in its order.
     """
 
     def __init__(
@@ -41,6 +52,7 @@ class Truth:
         goals_m: Sequence[Vector2 | None],
         objectives: Sequence[Objective],
         period_s: float,
+        tracked: Sequence[Tracked] = (),
     ) -> None:
         robots = len(goals_m)
         self._world, self._goals_m, self._period_s = world, goals_m, period_s
@@ -53,6 +65,8 @@ class Truth:
         self._violated_steps = np.zeros(robots, np.int64)
         self._least = np.full(robots, math.inf)
         self._greatest = np.zeros(robots)
+        self._carried = [(n, each.name, each.goal_m) for n, each in enumerate(tracked) if each.goal_m]
+        self._least_away_m = [math.inf] * len(self._carried)
 
     def follow(self) -> None:
         """Take the step just done into account."""
@@ -64,6 +78,7 @@ class Truth:
         self._violated_steps += (speeds > self._speed_m_s) | (nearest < self._margin_m)
         self._least = np.minimum(self._least, nearest)
         self._greatest = np.maximum(self._greatest, speeds)
+        self._least_away_m = list(map(min, self._least_away_m, self._away_m()))
 
     def outcomes(self) -> tuple[RobotOutcome, ...]:
         """Sum up, in the world's order."""
@@ -78,3 +93,12 @@ class Truth:
             )
             for robot, goal_m in enumerate(self._goals_m)
         )
+
+    def objects(self) -> tuple[ObjectOutcome, ...]:
+        """Tell of the objects that have goals."""
+        outcomes = zip(self._carried, self._away_m(), self._least_away_m, strict=True)
+        return tuple(ObjectOutcome(name, away_m, least_m) for (_, name, _), away_m, least_m in outcomes)
+
+    def _away_m(self) -> list[float]:
+        motions = self._world.objects() if self._carried else ()
+        return [math.dist(motions[place].position_m, goal_m) for place, _, goal_m in self._carried]

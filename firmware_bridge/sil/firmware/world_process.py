@@ -9,7 +9,6 @@ all firmware hears them. On SIGTERM it writes its record beside SPEC.
 
 import gc
 import importlib
-import math
 import os
 import sys
 import time
@@ -31,7 +30,7 @@ from firmware_bridge.sil.firmware.ros_base import RosBase, open_wires
 from firmware_bridge.sil.firmware.ros_node import NodesTask
 from firmware_bridge.sil.firmware.sources import Sources
 from firmware_bridge.sil.firmware.stops import Stops
-from firmware_bridge.sil.firmware.truth import RobotOutcome, Truth
+from firmware_bridge.sil.firmware.truth import ObjectOutcome, RobotOutcome, Truth
 from firmware_bridge.sil.firmware.wires import CanWire, UdpWire
 from firmware_bridge.sil.firmware.world import Standing, World
 from firmware_bridge.sil.measurement.samples import Samples
@@ -74,8 +73,7 @@ class WorldRecord(msgspec.Struct, frozen=True):
     """After each fault of the timeline, of the robots that it was to stop."""
     late_s: list[float]
     """How late each step of the plant was, from the beginning of the measurement."""
-    objects: dict[str, float]
-    """How far each tracked object that has a goal was from it at the end, in m."""
+    objects: tuple[ObjectOutcome, ...]
 
 
 class WorldProcess:
@@ -89,7 +87,7 @@ class WorldProcess:
         make_world = importlib.import_module(PLANTS[fleet.simulation.plant].world).make_world
         world: World = make_world(fleet, manifests, standings, STEP_S, 1.0 / spec.rate_hz)
         goals = [station.goal_m for station in spec.stations]
-        self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S)
+        self._truth = Truth(world, goals, fleet.objective_set.objectives, STEP_S, fleet.tracked)
         self._stops = Stops(world, [robot.id for robot in robots], spec.faults, STEP_S)
         nodes = make_nodes(spec)
         self._firmware = {s.robot_id: node.firmware for s, node in zip(spec.stations, nodes, strict=True)}
@@ -120,12 +118,8 @@ class WorldProcess:
     def record(self) -> WorldRecord:
         """Return everything so far."""
         nodes = tuple(recorder.record() for recorder in self._recorders)
-        objects = {
-            each.name: math.dist(motion.position_m, each.goal_m)
-            for each, motion in zip(self._fleet.tracked, self._world.objects(), strict=True)
-            if each.goal_m
-        }
-        return WorldRecord(nodes, self._truth.outcomes(), self._stops.stops(), self._late_s.tolist(), objects)
+        outcomes, objects = self._truth.outcomes(), self._truth.objects()
+        return WorldRecord(nodes, outcomes, self._stops.stops(), self._late_s.tolist(), objects)
 
     def _hear(self) -> None:
         """Take the harness's lines; with the first, let the robots know where they are."""

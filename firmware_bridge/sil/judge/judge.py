@@ -9,6 +9,7 @@ import numpy as np
 from edge_runtime.common.arrays import Floats
 from edge_runtime.control.rate import Percentiles
 from firmware_bridge.sil.firmware.record import NodeRecord
+from firmware_bridge.sil.firmware.truth import ObjectOutcome
 from firmware_bridge.sil.harness.recording import Recording
 from firmware_bridge.sil.judge.figures import (
     LoggedTicks,
@@ -62,14 +63,16 @@ def judge(scenario: Scenario, recording: Recording) -> SilReport:
         broken=(),
         disturbed=disturbances(machine, scenario.limits.machine),
         verdict="passed",
-        objects=tuple(
-            ObjectQuality(name, away_m, away_m <= scenario.fleet.team.arrival_m)
-            for name, away_m in recording.world.objects.items()
-        ),
+        objects=tuple(_object(each, scenario.fleet.team.arrival_m) for each in recording.world.objects),
     )
     broken = broken_limits(report, scenario.limits.run)
     verdict = "invalid" if report.disturbed else "failed" if broken else "passed"
     return msgspec.structs.replace(report, broken=broken, verdict=verdict)
+
+
+def _object(outcome: ObjectOutcome, arrival_m: float) -> ObjectQuality:
+    away_m, least_m = outcome.goal_distance_m, outcome.least_goal_distance_m
+    return ObjectQuality(outcome.name, away_m, least_m, goal_reached=least_m <= arrival_m)
 
 
 def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality:

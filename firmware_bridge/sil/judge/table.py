@@ -4,7 +4,14 @@ from collections.abc import Sequence
 
 from edge_runtime.common.printable import printed
 from edge_runtime.control.rate import Percentiles
-from firmware_bridge.sil.report.records import FaultDone, Quality, RobotQuality, SilReport, describe_stop
+from firmware_bridge.sil.report.records import (
+    FaultDone,
+    ObjectQuality,
+    Quality,
+    RobotQuality,
+    SilReport,
+    describe_stop,
+)
 
 _COLOURS = {"passed": 32, "failed": 31, "invalid": 33}
 
@@ -74,11 +81,16 @@ def _notes(report: SilReport) -> list[str]:
         f"others took {machine.others_cpu_cores:.2f} cores"
     ]
     lines.append(f"misses: {_misses(report.robots)}")
-    lines += [f"{each.name}: {each.goal_distance_m:.3f} m from its goal" for each in report.objects]
+    lines += [_object(each) for each in report.objects]
     if evidence := report.evidence:
         lines.append(f"made: {evidence.started_at}, cfpg-edge {evidence.version}, commit {evidence.commit}")
     lines += [f"fault: {fault.details}{_stops(fault)}" for fault in report.faults]
     return lines
+
+
+def _object(one: ObjectQuality) -> str:
+    best_m, end_m = one.least_goal_distance_m, one.goal_distance_m
+    return f"{one.name}: {best_m:.3f} m from its goal at best, {end_m:.3f} at the end"
 
 
 def _stops(fault: FaultDone) -> str:

@@ -65,7 +65,7 @@ def _team(report: SilReport, judged: list[RobotQuality], limits: RunLimits) -> I
         yield f"{reached} of {len(going)} goals reached ({away} away)"
     for each in report.objects if least is not None else ():
         if not each.goal_reached:
-            yield f"{each.name} is {each.goal_distance_m:.2f} m away from its goal"
+            yield f"{each.name} came no nearer than {each.least_goal_distance_m:.2f} m to its goal"
 
 
 def _memory(report: SilReport, limits: RunLimits) -> Iterator[str]:

@@ -160,11 +160,14 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ObjectQuality(msgspec.Struct, frozen=True):
-    """A tracked object that has a goal, at the end."""
+    """A tracked object that has a goal."""
 
     name: str
     goal_distance_m: float
+    """At the end."""
+    least_goal_distance_m: float
     goal_reached: bool
+    """Whether it ever was there: where it is carried on to is nobody's task."""
 
 
 class SilReport(msgspec.Struct, frozen=True, kw_only=True):

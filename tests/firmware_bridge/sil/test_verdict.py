@@ -8,9 +8,7 @@ from edge_runtime.control.rate import Percentiles
 from edge_runtime.errors import ConfigError
 from firmware_bridge.sil.judge.table import table
 from firmware_bridge.sil.judge.verdict import broken_limits, disturbances
-from firmware_bridge.sil.report.records import (
-    ProcessCost,
-)
+from firmware_bridge.sil.report.records import ObjectQuality, ProcessCost
 from firmware_bridge.sil.scenario.limits import (
     DEFAULT_LIMITS,
     LimitsFile,
@@ -52,6 +50,16 @@ def test_each_limit_is_judged(changes, complaint):
     assert broken_limits(report(robot(0), robot(1, **changes)), DEFAULTS.run) == (complaint,)
     lenient = LimitsFile()
     assert broken_limits(report(robot(0), robot(1, **changes)), lenient.run) == ()
+
+
+def test_a_load_is_to_come_to_its_goal_once():
+    package = ObjectQuality("package", goal_distance_m=0.3, least_goal_distance_m=0.25, goal_reached=False)
+    away = report(robot(0), objects=(package,))
+    assert broken_limits(away, DEFAULTS.run) == ("package came no nearer than 0.25 m to its goal",)
+    assert "package: 0.250 m from its goal at best, 0.300 at the end" in table(away, colour=False)
+    assert broken_limits(away, RunLimits()) == ()
+    there = msgspec.structs.replace(package, goal_reached=True)
+    assert broken_limits(report(robot(0), objects=(there,)), DEFAULTS.run) == ()
 
 
 def test_a_fault_excuses_its_robot_but_not_a_collision():

@@ -8,6 +8,7 @@ from bundles import MANIFEST
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edge_runtime.config.tracked import Tracked
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 from firmware_bridge.can.feedback import DeadReckoning, PlanarPose
 from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
@@ -18,6 +19,7 @@ from firmware_bridge.sil.firmware.world import Standing
 from firmware_bridge.sil.scenario.faults import Blackout, Kill, Loss
 from firmware_bridge.sil.scenario.layout import places
 from firmware_bridge.simulation.plant import Plant, contact_forces
+from firmware_bridge.simulation.plants import Motion
 
 AHEAD_M, PERIOD_S = 0.2, 0.01
 BASE = Base("differential", sideways="lookahead", lookahead_m=AHEAD_M)
@@ -115,6 +117,19 @@ def test_objectives_are_judged_by_the_truth():
     truth.follow()
     assert [one.violated_s for one in truth.outcomes()] == pytest.approx([2 * PERIOD_S, PERIOD_S])
     assert truth.outcomes()[0].greatest_speed_m_s == pytest.approx(0.3)
+
+
+def test_a_load_was_at_its_goal_though_it_was_carried_on():
+    world = make((0.0, 0.0))
+    carried = Tracked("package", goal_m=(1.0, 0.0))
+    truth = Truth(world, [None], (), PERIOD_S, [Tracked("door"), carried])
+    for x in (0.5, 0.98, 1.3):
+        world.objects = lambda x=x: [Motion((9.0, 9.0), (0.0, 0.0)), Motion((x, 0.0), (0.0, 0.0))]
+        truth.follow()
+    (package,) = truth.objects()
+    assert package.name == "package"
+    assert package.least_goal_distance_m == pytest.approx(0.02)
+    assert package.goal_distance_m == pytest.approx(0.3)
 
 
 def test_every_fault_has_its_way_to_rest():
