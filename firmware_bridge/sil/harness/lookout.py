@@ -1,6 +1,5 @@
 """Notices who has ended unasked, and whether a signal asks to end, while a run starts and lasts."""
 
-import signal
 import time
 
 from edge_runtime.common.signals import StopSignals
@@ -29,11 +28,8 @@ class Lookout:
         """Take note of who has ended.
 
         Raises:
-            KeyboardInterrupt: if Ctrl-C asks to end.
-            BridgeError: if another signal does.
+            BridgeError: if a signal asks to end.
         """
-        if self._signals.reason == signal.SIGINT.name:
-            raise KeyboardInterrupt("interrupted, nothing was judged")
         if self._signals.reason:
             raise BridgeError(f"ended by {self._signals.reason}")
         for child in self._processes.children.values():
