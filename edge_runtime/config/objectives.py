@@ -51,6 +51,8 @@ def make_objective_set(
     Raises:
         ConfigError: as `load_objective_set`.
     """
+    if not table:  # as when a copy broke off: no limit is dropped in silence
+        refuse(path, "objectives", "missing; a file for none says `objectives = []`")
     tables = to_record(table, _Tables, path)
     return ObjectiveSet(make_objectives(tables.objectives, path, own), tables.guidance)
 

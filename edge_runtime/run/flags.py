@@ -28,7 +28,8 @@ With no other flags: the packaged policy, a built-in fleet of four robots, a sim
 EPILOG: Final = """\
 exit codes:
   0  the run ended: goals held, --duration over, SIGTERM or SIGINT; the robot was commanded to rest
-  1  the link to the robot failed during the run, or the policy did; the robot was stopped
+  1  the link to the robot failed during the run, or the policy did; the robot was stopped; or a report or
+     picture of the run could not be written
   2  a flag, file or bundle does not hold together; one line says what, nothing was commanded
   130  interrupted before the run began
 

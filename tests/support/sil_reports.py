@@ -40,6 +40,9 @@ QUALITY = {
 }
 
 
+LENIENT = "[run]\ncollisions = 1000000\n[machine]\n"
+"""A limits file that no run breaks, however busy the machine."""
+
 MACHINE = MachineQuality(
     cores=2,
     realtime=True,

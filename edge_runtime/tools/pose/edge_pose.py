@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +27,7 @@ EPILOG: Final = """\
 exit codes:
   0  the recording is over, or SIGTERM or SIGINT
   2  a flag or file does not hold together, or Motive does not answer; one line says what
+  130  interrupted before poses were sent
 
 examples:
   edge-pose --fleet team.toml --natnet 10.0.0.9
@@ -103,7 +104,7 @@ def _check_bodies(fleet: Fleet, objects: Sequence[Tracked]) -> None:
             refuse(fleet.path, key, f"missing: which of Motive's rigid bodies is {each.name!r}?")
 
 
-def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
+def _serve(flags: argparse.Namespace) -> None:
     fleet = load_fleet(flags.fleet)
     place = _place(fleet, flags.listen)
     key = team_key(fleet, flags.key_file)
@@ -120,14 +121,15 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
         _check_bodies(fleet, objects)
     with StreamHost(place, places, poses, ranges, key, names) as host:
         if flags.replay:
-            replay(samples, host, ending)
+            with StopSignals() as signals:
+                replay(samples, host, lambda: signals.reason)
             return
         bodies: dict[int, int | str] = {
             r.id if r.rigid_body is None else r.rigid_body: r.id for r in fleet.robots if r.id in poses
         }
         bodies |= {each.rigid_body: each.name for each in objects if each.rigid_body is not None}
-        with NatNetFeed(flags.natnet, bodies, flags.up, flying=flying) as feed:
-            feed.publish(host, ending)
+        with NatNetFeed(flags.natnet, bodies, flags.up, flying=flying) as feed, StopSignals() as signals:
+            feed.publish(host, lambda: signals.reason)
             if feed.refused:
                 complain("edge-pose", f"{feed.refused} packets were not NatNet")
 
@@ -136,8 +138,7 @@ def _serve(flags: argparse.Namespace, ending: Callable[[], str]) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``edge-pose``; returns the exit code."""
     flags = make_parser().parse_args(arguments)
-    with StopSignals() as signals:
-        _serve(flags, lambda: signals.reason)
+    _serve(flags)
     return 0
 
 

@@ -1,5 +1,6 @@
 """Notices who has ended unasked, and whether a signal asks to end, while a run starts and lasts."""
 
+import signal
 import time
 
 from edge_runtime.common.signals import StopSignals
@@ -28,8 +29,11 @@ class Lookout:
         """Take note of who has ended.
 
         Raises:
-            BridgeError: if a signal asks to end.
+            KeyboardInterrupt: if Ctrl-C asks to end.
+            BridgeError: if another signal does.
         """
+        if self._signals.reason == signal.SIGINT.name:
+            raise KeyboardInterrupt("interrupted, nothing was judged")
         if self._signals.reason:
             raise BridgeError(f"ended by {self._signals.reason}")
         for child in self._processes.children.values():

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from edge_runtime.common.toml_file import read_toml, to_record
+from edge_runtime.common.toml_file import read_toml, refuse, to_record
 
 DEFAULT_LIMITS: Final = Path(__file__).with_name("limits.toml")
 
@@ -62,6 +62,10 @@ def load_limits(path: Path = DEFAULT_LIMITS) -> LimitsFile:
     """Read a limits file: ``[run]`` and ``[machine]``.
 
     Raises:
-        ConfigError: names the file, the key and what is allowed.
+        ConfigError: names the file, the key and what is allowed; also if it judges nothing.
     """
-    return to_record(read_toml(path), LimitsFile, path)
+    limits = to_record(read_toml(path), LimitsFile, path)
+    if limits.run == RunLimits():
+        allowed = ", ".join(RunLimits.__struct_fields__)
+        refuse(path, "run", f"names no limit, so nothing could fail; allowed: {allowed}")
+    return limits

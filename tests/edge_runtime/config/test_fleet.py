@@ -356,6 +356,8 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
             "objectives[0]: `distance_m` must be positive, got -1",
         ),
         ("[[robots]]\nid = 3", "robots: unknown key; allowed: objectives, guidance"),
+        ("", "objectives: missing; a file for none says `objectives = []`"),
+        ("# limit_m_s = 0.2\n", "objectives: missing"),
         ("a = [", "is not TOML ("),
         ("a = 1\na = 2", "is not TOML ("),
         (
@@ -366,6 +368,11 @@ def test_teams_that_do_not_hold_together(write, old, new, expected):
 )
 def test_objectives_that_do_not_hold_together(write, text, expected):
     assert complaint(load_objective_set, write(text)).startswith(expected)
+
+
+def test_a_file_may_ask_for_nothing_if_it_says_so(write):
+    assert load_objective_set(write("objectives = []")).objectives == ()
+    assert load_objective_set(write('[guidance]\nmode = "none"')).objectives == ()
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -187,7 +187,7 @@ def test_later_objectives_are_those_of_the_new_policy(ready):
     assert world.teams[0]._orders.guide.digest == before ^ SimpleTakeover.digest
     other = Operator(world, session=8)
     other.tell(Ask)
-    other.tell(Propose, version=2, file="none.toml", content=b"")
+    other.tell(Propose, version=2, file="none.toml", content=b"objectives = []")
     other.until({"accepted"})
     other.tell(Commit, tick=world.teams[0].tick + 1)
     world.ticks(5)

@@ -1,9 +1,11 @@
 """Tracked objects and further sensors: streams of their own, from edge-pose to the robot's view."""
 
+import contextlib
 import json
 import math
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from fleet_processes import mission, robot
@@ -101,7 +103,7 @@ def test_an_object_that_is_not_heard_any_more_stops_the_robot(path, place):
         exchange(link, host, lambda view: not view.fault)
 
 
-def test_a_recording_tells_of_objects_beside_robots(path, tmp_path):
+def test_a_recording_tells_of_objects_beside_robots(path, tmp_path, monkeypatch):
     turn = [math.remainder(3.0 + 0.005 * k, math.tau) for k in range(20_000)]
     lines = [
         {"t": 0.01 * k, "object": name, "x": 0.002 * k, "y": -1.0, "heading": turn[k]}
@@ -112,9 +114,10 @@ def test_a_recording_tells_of_objects_beside_robots(path, tmp_path):
     file.write_text("\n".join(map(json.dumps, lines)))
     text = path.read_text()
     path.write_text(text.replace("sensors = ", "# "))
-    flags = command.make_parser().parse_args(["--fleet", str(path), "--replay", str(file)])
-    ended = threading.Event()
-    player = threading.Thread(target=command._serve, args=(flags, lambda: "enough" * ended.is_set()))
+    signals = SimpleNamespace(reason="")
+    monkeypatch.setattr(command, "StopSignals", lambda: contextlib.nullcontext(signals))
+    flags = ["--fleet", str(path), "--replay", str(file)]
+    player = threading.Thread(target=command.main, args=(flags,))
     player.start()
     with open_fleet(mission(path), Alone()) as link:
 
@@ -123,7 +126,7 @@ def test_a_recording_tells_of_objects_beside_robots(path, tmp_path):
             return view if not view.fault else None
 
         view = until(look, pause_s=0.005)
-    ended.set()
+    signals.reason = "enough"
     player.join(HANG_S)
     for each in view.tracked:
         assert each.velocity_m_s == pytest.approx((0.2, 0.0), abs=1e-9)

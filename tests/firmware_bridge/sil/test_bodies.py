@@ -8,6 +8,7 @@ import foreign_policies
 import pytest
 from foreign_teams import imported
 from msgspec.structs import replace
+from sil_reports import LENIENT
 
 from edge_runtime.errors import BundleError, ConfigError
 from firmware_bridge.sil.harness.robots import check_robot
@@ -31,7 +32,7 @@ def policies(tmp_path_factory):
 @pytest.mark.parametrize(("name", "profile"), [("roller", PROFILE), ("disc", OMNI_PROFILE)])
 def test_real_processes_of_other_bodies_drive_over_can(policies, tmp_path, name, profile):
     """What is judged does not depend on how busy the machine is: all come nearer to their goals."""
-    (tmp_path / "lenient.toml").write_text("[run]\n[machine]\n")
+    (tmp_path / "lenient.toml").write_text(LENIENT)
     flags = ("--policy", policies / name, "--robots", "2", "--rate", "10", "--duration", "6")
     files = ("--limits", tmp_path / "lenient.toml", "--json", tmp_path / "run.json")
     command = [sys.executable, "-m", "firmware_bridge.sil.edge_sil", *map(str, (*flags, *files))]

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sil_reports import LENIENT
 from waiting import until
 
 from edge_runtime.config.fleet import load_fleet
@@ -102,7 +103,7 @@ def test_every_robot_is_told_of_itself_its_load_and_its_samples(tmp_path, task):
 @pytest.mark.parametrize("bridge", ["can", "mavlink"])
 def test_real_processes_carry_the_load(tmp_path, bridge):
     """What is judged does not depend on how busy the machine is: all drive, and hear of the load."""
-    (tmp_path / "lenient.toml").write_text("[run]\n[machine]\n")
+    (tmp_path / "lenient.toml").write_text(LENIENT)
     report = tmp_path / "run.json"
     line = (sys.executable, "-m", "firmware_bridge.sil.edge_sil", "--task", "balance", "--bridge", bridge)
     flags = ("--duration", "4", "--limits", str(tmp_path / "lenient.toml"), "--json", str(report))

@@ -104,6 +104,8 @@ def test_a_disturbed_machine_is_noticed(changes, reasons):
         ("[machine]\nwake_p99_ms = -1.0", "machine: .*must not be negative"),
         ("[machine]\nwake_p99_ms = inf", "must be a finite number"),
         ("[walk]", "walk: unknown key; allowed: run, machine"),
+        ("", "run: names no limit, so nothing could fail; allowed: achieved_rate_share"),
+        ("[machine]\nwake_p99_ms = 1.0", "run: names no limit"),
     ],
 )
 def test_a_limits_file_is_checked(tmp_path, text, complaint):

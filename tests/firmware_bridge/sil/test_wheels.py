@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from ros_peers import DEBIAN, needs_ros1
+from sil_reports import LENIENT
 
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.errors import ConfigError
@@ -100,7 +101,7 @@ def test_a_fleet_that_its_wheels_do_not_fit_is_refused_before_anything_starts(tm
 )
 def test_real_processes_drive_on_wheels_that_slip(tmp_path, bridge):
     """What is judged does not depend on how busy the machine is: all drive, towards their goals."""
-    (tmp_path / "lenient.toml").write_text("[run]\n[machine]\n")
+    (tmp_path / "lenient.toml").write_text(LENIENT)
     flags = ("--plant", "mujoco", "--robots", "2", "--rate", "10", "--duration", "4", "--bridge", *bridge)
     files = ("--limits", str(tmp_path / "lenient.toml"), "--json", str(tmp_path / "run.json"))
     command = (sys.executable, "-m", "firmware_bridge.sil.edge_sil", *flags, *files)

@@ -10,6 +10,7 @@ import socket
 import struct
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from fleet_processes import mission, robot
@@ -96,7 +97,7 @@ POSES = [{"t": 0.01 * k, "robot": 0, "x": 0.002 * k, "y": -1.0, "heading": 0.25}
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
-def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
+def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix, monkeypatch):
     file = tmp_path / f"poses{suffix}"
     if suffix == ".csv":
         rows = [",".join(POSES[0]), *(",".join(map(str, pose.values())) for pose in POSES)]
@@ -104,12 +105,12 @@ def test_a_recording_is_replayed_in_its_own_time(path, tmp_path, suffix):
         rows = list(map(json.dumps, POSES))
     file.write_text("\n".join(rows) + "\n")
     flags = ["--fleet", str(path), "--replay", str(file)]
-    ended, places = threading.Event(), set()
-    ending = lambda: "enough" * ended.is_set()  # noqa: E731
-    player = threading.Thread(target=command._serve, args=(command.make_parser().parse_args(flags), ending))
+    signals, places = SimpleNamespace(reason=""), set()
+    monkeypatch.setattr(command, "StopSignals", lambda: contextlib.nullcontext(signals))
+    player = threading.Thread(target=command.main, args=(flags,))
     player.start()
     seen = watch(path, lambda own: places.add(own.position_m) or len(places) > 10)
-    ended.set()
+    signals.reason = "enough"
     player.join(HANG_S)
     assert not player.is_alive()
     for own in seen:
@@ -267,6 +268,15 @@ def test_a_server_that_started_anew_is_asked_again(path, place, monkeypatch):
 
 def robots(path):
     return {member.id: endpoint(member.address) for member in mission(path).fleet.robots}
+
+
+def test_an_interruption_is_not_kept_waiting_by_a_motive_that_does_not_answer(path, monkeypatch, capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(feeds, "connect_packet", interrupted)
+    assert command.main(["--fleet", str(path), "--natnet", "127.0.0.1"]) == 130
+    assert capsys.readouterr().err == "edge-pose: interrupted\n"
 
 
 def test_an_old_motive_is_refused():
