@@ -189,6 +189,7 @@ def test_a_runtime_that_does_not_listen_still_gets_every_event(link):
     def runtime(session):
         session.drive()
         for sequence in range(2000, 2100):  # Reports pile up unread until the socket is full.
+            link.newest = RobotState(1, float(sequence), (3.0, 4.0), (5.0, 6.0), 7.0)
             session.command(sequence)
             time.sleep(0.001)
         session.runtime.send(encode_stop("enough", time.monotonic()))
