@@ -36,6 +36,11 @@ def ros(request, monkeypatch):
         yield ros
 
 
+def without_a_stop(profile):
+    lines = profile_path(profile).read_text().splitlines()
+    return "\n".join(line for line in lines if not line.startswith("emergency_stop"))
+
+
 def test_each_command_arrives_once_and_the_stop_last(ros, request, tmp_path):
     wanted = request.config.getoption("commands")
     # Cyclone DDS has no parameters: nobody tells a timeout.
@@ -58,8 +63,7 @@ def test_a_robot_of_ros_1_may_want_stamps_and_have_no_emergency_stop(monkeypatch
         ros = Ros(1, "rospy")
         ros.message = "TwistStamped"
         profile = tmp_path / "mine.toml"
-        changed = profile_path("husky_noetic").read_text().replace('"Twist"', '"TwistStamped"')
-        profile.write_text(changed.replace('emergency_stop = "e_stop"\n', ""))
+        profile.write_text(without_a_stop("husky_noetic").replace('"Twist"', '"TwistStamped"'))
         with ros.peer(stop=None) as robot, GuardedBridge(ros.spec(profile=str(profile))) as bridge:
             drive(bridge, lambda: SPEED_M_S in robot.forward())
     assert abs(robot.commands[-1]["stamp"] - time.time()) < HANG_S
@@ -70,8 +74,7 @@ def test_a_robot_of_ros_2_may_have_no_emergency_stop(monkeypatch, tmp_path):
     domain(monkeypatch)
     ros = Ros(2, "kilted")
     profile = tmp_path / "mine.toml"
-    lines = profile_path("clearpath_jazzy").read_text().splitlines()
-    profile.write_text("\n".join(line for line in lines if not line.startswith("emergency_stop")))
+    profile.write_text(without_a_stop("clearpath_jazzy"))
     with ros.peer(stop=None) as robot, GuardedBridge(ros.spec(profile=str(profile))) as bridge:
         drive(bridge, lambda: SPEED_M_S in robot.forward())
 
