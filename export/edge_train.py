@@ -40,8 +40,8 @@ what to expect of mafpo-chain alone, mean of five seeds:
   navigation  1 % of the episodes succeed after 128,000 frames, 96 % after 256,000, 96 % after 704,000
   balance     a score of 42 % after 640,000, 66 % after 1,280,000, 81 % after 2,009,600; 90 % of it success
   sampling    61 samples an episode of 10 s after 256,000, 76 after 512,000, 82 after 908,800
-guided as well, docs/policy.md says; balance's guided flows are better from mafpo-warm. A workstation's core
-that does nothing else trains up to 4,000 frames a second: a million takes four minutes, or more.
+guided as well, docs/policy.md says; balance's guided flows are better from mafpo-warm. How long that takes on
+your machine, the line of the training's progress says.
 
 the directory then holds best.pt (for edge-export), checkpoint.pt, metrics.csv and curve.png
 """
