@@ -97,6 +97,7 @@ def test_poses_are_asked_to_become_commands_within_3_ms_of_robots_with_real_time
     later = robot(0, pose_to_command_age_ms=Percentiles(1.0, 4.0, 5.0, 9.0))
     real_time = report(later).machine
     assert missing("pose to command, CAN", later) == ("robot 0: 4.0 ms",)
+    assert missing("pose to command, CAN", later, duration_s=4.0) == ()
     assert missing("pose to command, CAN", later, machine=replace(real_time, realtime=False)) == ()
 
 

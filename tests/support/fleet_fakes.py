@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import threading
 from collections import Counter, deque
 from pathlib import Path
 
@@ -112,6 +113,8 @@ class World:
     def tick(self):
         """One period: all receive, then all send; returns what each saw."""
         alive = [robot_id for robot_id in self.teams if robot_id not in self.network.dead]
+        for robot_id in self.teams.keys() - alive:
+            self.network.queues[robot_id].clear()  # else read much later, as if they had come then
         seen = {robot_id: self.view(robot_id) for robot_id in alive}
         for robot_id in alive:
             command = Command(robot_id, 0, self.clock(robot_id), (0.5, -0.5), (0.0, 0.0))
@@ -121,6 +124,12 @@ class World:
 
     def ticks(self, count):
         return [self.tick() for _ in range(count)]
+
+    def end_checks(self):
+        """Wait for the threads in which the robots check what is proposed to them."""
+        for thread in threading.enumerate():
+            if thread.name == "proposal":
+                thread.join()
 
 
 def ids(team):

@@ -107,8 +107,9 @@ class Operator:
         return {standing.stage for standing in self.standings.values()}
 
     def until(self, stages):
-        while self.stages() != stages:
-            self.tell(Ask)
+        self.world.end_checks()
+        self.tell(Ask)
+        assert self.stages() == stages
 
     def offer(self):
         self.tell(Offer, version=1, files=SIZES)
