@@ -3,6 +3,7 @@
 import socket
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from guard_fakes import spec
@@ -60,6 +61,8 @@ class Played:
 def guard(monkeypatch):
     played = Played()
     monkeypatch.setattr(bridge_module, "start_child", played.start)
+    monkeypatch.setattr(bridge_module, "ENDING_S", HANG_S)  # Python may take long to start, and to end
+    monkeypatch.setattr(bridge_module, "STOPPING_S", HANG_S)
     yield played
     if played.socket is not None:
         played.socket.close()
@@ -146,16 +149,17 @@ def test_a_guard_that_ended_is_an_error(bridge, guard):
     [
         ("raise SystemExit(7)", r"exit code 7"),
         ("import os; os.kill(os.getpid(), 9)", r"signal 9 \(Killed\)"),
-        ("import time; time.sleep(1)", "its socket closed"),
+        ("import time; time.sleep(3600)", "its socket closed"),
     ],
 )
 def test_a_guard_without_words_is_seen_to_end(guard, monkeypatch, lifetime, ending):
-    monkeypatch.setattr(bridge_module, "ENDING_S", 0.05 if "sleep" in lifetime else 60.0)
+    monkeypatch.setattr(bridge_module, "ENDING_S", 0.05 if "sleep" in lifetime else HANG_S)
     guard.lifetime = lifetime
     with GuardedBridge(spec()) as bridge:
         guard.socket.close()
         with pytest.raises(BridgeError, match=f"^the guard ended: {ending}$"):
             bridge.write(COMMAND)
+        bridge._process.kill()
 
 
 def test_a_guard_that_dies_with_words_unread_is_quoted(bridge, guard):
@@ -248,6 +252,7 @@ def test_a_guard_that_does_not_open_is_told(guard, monkeypatch):
 
 def test_a_guard_has_all_of_its_time_to_open(guard, monkeypatch):  # noqa: ARG001
     monkeypatch.setattr(bridge_module, "OPENING_S", 0.9)
+    monkeypatch.setattr(bridge_module, "time", SimpleNamespace(monotonic=lambda: 100.0))
     with GuardedBridge(spec()) as opened:
         assert opened.phase is Phase.WATCHING
 

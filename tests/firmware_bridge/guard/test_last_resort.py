@@ -8,7 +8,7 @@ import time
 
 import msgspec
 import pytest
-from can_peers import Chassis, guard_spec, multicast_address
+from can_peers import Chassis, multicast_address, patient_spec
 from guard_fakes import FakeLink, spec
 from waiting import HANG_S
 
@@ -190,11 +190,11 @@ def test_an_exception_that_was_never_raised_has_no_place():
 def test_the_stop_sequence_is_on_a_real_wire(layer, monkeypatch):
     """Frames, brake and standby reach the chassis although reading, writing or encoding raised."""
     address = multicast_address()
-    link = make_link(guard_spec(address))
+    link = make_link(patient_spec(address))
     broken = link._codec if layer == "encode" else link._transport
     with Chassis(address) as chassis:
         link.open()
-        runtime = Runtime(link, guard_spec(address, deadline_s=1.0))
+        runtime = Runtime(link, patient_spec(address))
         while chassis.data(0x111)[-5:] != [bytes.fromhex("01f4000000000000")] * 5:
             runtime.command()
             time.sleep(0.02)
