@@ -153,7 +153,15 @@ def load_fleet(path: Path) -> Fleet:
     Raises:
         ConfigError: names the file, the key and what is allowed.
     """
-    tables = to_record(read_toml(path), _FleetTables, path)
+    fleet = fleet_from(read_toml(path), path)
+    if fleet.obstacles and fleet.carrier is not None:
+        refuse(path, "obstacle", "means nothing with [carrier]: only a team simulated in one process has any")
+    return fleet
+
+
+def fleet_from(table: Table, path: Path) -> Fleet:
+    """Return the fleet of a file's content; raises as `load_fleet`."""
+    tables = to_record(table, _FleetTables, path)
     if not tables.robots:
         refuse(path, "robots", "a fleet needs at least one robot")
     if len(tables.robots) > MOST_ROBOTS:
@@ -166,8 +174,6 @@ def load_fleet(path: Path) -> Fleet:
     check_zenoh(path, tables.carrier, tables.robots)
     if len(tables.obstacle) > MOST_ROBOTS:
         refuse(path, "obstacle", f"at most {MOST_ROBOTS} are allowed, got {len(tables.obstacle)}")
-    if tables.obstacle and tables.carrier is not None:
-        refuse(path, "obstacle", "means nothing with [carrier]: only a team simulated in one process has any")
     check_tracked(path, tables.carrier, tables.tracked)
     objective_set = ObjectiveSet(make_objectives(tables.objectives, path), tables.guidance)
     return Fleet(

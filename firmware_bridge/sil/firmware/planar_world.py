@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from edge_runtime.config.fleet import Fleet
+from edge_runtime.config.fleet import Fleet, Obstacle
+from edge_runtime.motion.range_sensor import Disc
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.kinematics.frames import rotate, wrap
@@ -20,6 +21,7 @@ class PlanarWorld(World):
         period_s: of one step.
         scale_m: one of the policy's metres, in the robots'.
         follow_s: the period within which firmware makes its motion what it was told; a step's where None.
+        obstacles: in their way.
     """
 
     def __init__(
@@ -29,6 +31,7 @@ class PlanarWorld(World):
         period_s: float,
         scale_m: float = 1.0,
         follow_s: float | None = None,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
         super().__init__(standings, [manifest.body.radius_m for manifest in manifests])
         self._period_s = period_s
@@ -37,6 +40,7 @@ class PlanarWorld(World):
             [manifest.motion.at_period(period_s) for manifest in manifests],
             self.radius_m,
             self.position_m,
+            obstacles,
             scale_m=scale_m,
             heading_rad=self.heading_rad,
         )
@@ -47,6 +51,10 @@ class PlanarWorld(World):
         """Advance one period while each robot follows what it was told."""
         self.plant.step([self.action(robot, motion) for robot, motion in enumerate(motions)])
         self.turn()
+
+    def obstacles(self) -> Sequence[Disc]:
+        """As they are now."""
+        return self.plant.obstacles()
 
     def action(self, robot: int, told: BaseMotion) -> tuple[float, ...]:
         """The action by which the robot's disc comes to move as its base was told."""
@@ -87,4 +95,4 @@ def make_world(
         control_s: the control period.
     """
     del control_s  # the firmware follows from step to step
-    return PlanarWorld(manifests, standings, period_s, fleet.team.scale_m)
+    return PlanarWorld(manifests, standings, period_s, fleet.team.scale_m, obstacles=fleet.obstacles)

@@ -19,6 +19,8 @@ class RobotOutcome(msgspec.Struct, frozen=True):
     """At the end; None for a robot without a goal."""
     collisions: int
     """Contacts with other robots, counted when they begin."""
+    obstacle_contacts: int
+    """With obstacles, counted alike."""
     violated_s: float
     """Time during which any objective with a limit was broken."""
     least_distance_m: float | None
@@ -61,7 +63,8 @@ class Truth:
         )
         self._margin_m = max((o.distance_m for o in objectives if isinstance(o, SafetyMargin)), default=0.0)
         self._touching = np.zeros((robots, robots), bool)
-        self._collisions = np.zeros(robots, np.int64)
+        self._bumping = np.zeros_like(world.bumping())
+        self._collisions, self._bumps = np.zeros((2, robots), np.int64)
         self._violated_steps = np.zeros(robots, np.int64)
         self._least = np.full(robots, math.inf)
         self._greatest = np.zeros(robots)
@@ -74,6 +77,9 @@ class Truth:
         touching = self._world.touching()
         self._collisions += (touching & ~self._touching).sum(1)
         self._touching = touching
+        bumping = self._world.bumping()
+        self._bumps += (bumping & ~self._bumping).sum(1)
+        self._bumping = bumping
         nearest = distances.min(1)
         self._violated_steps += (speeds > self._speed_m_s) | (nearest < self._margin_m)
         self._least = np.minimum(self._least, nearest)
@@ -87,6 +93,7 @@ class Truth:
             RobotOutcome(
                 None if goal_m is None else math.dist(places[robot], goal_m),
                 int(self._collisions[robot]),
+                int(self._bumps[robot]),
                 float(self._violated_steps[robot] * self._period_s),
                 float(self._least[robot]) if math.isfinite(self._least[robot]) else None,
                 float(self._greatest[robot]),

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from edge_runtime.config.fleet import Fleet
 from edge_runtime.messages import Vector2
+from edge_runtime.motion.range_sensor import Disc
 from edge_runtime.policy.manifest import Manifest
 from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.kinematics.frames import rotate
@@ -19,7 +20,7 @@ class WheeledWorld(World):
     """N robots on the fleet's base, at rest.
 
     Args:
-        fleet: names base, friction and payload.
+        fleet: names base, friction, payload and obstacles.
         manifests: body of each robot.
         standings: of each.
         period_s: of one step.
@@ -36,7 +37,7 @@ class WheeledWorld(World):
             middles.append((x - ahead[0], y - ahead[1]))
         headings = [standing.heading_rad for standing in standings]
         self.team = WheeledTeam(
-            BASES[settings.base], middles, headings, settings.friction, settings.payload_kg
+            BASES[settings.base], middles, headings, settings.friction, settings.payload_kg, fleet.obstacles
         )
         self._look()
 
@@ -47,10 +48,23 @@ class WheeledWorld(World):
 
     def touching(self) -> npt.NDArray[np.bool_]:
         """Which bases have touched so far (N, N): a contact of wheels and corners flickers."""
-        touching = np.zeros((len(self.ahead_m),) * 2, bool)
+        robots = self._touched()[:, : len(self.ahead_m)]
+        return robots | robots.T
+
+    def bumping(self) -> npt.NDArray[np.bool_]:
+        """Which bases have touched which obstacles so far (N, M)."""
+        return self._touched()[:, len(self.ahead_m) :]
+
+    def obstacles(self) -> Sequence[Disc]:
+        """As they are now."""
+        return self.team.obstacles()
+
+    def _touched(self) -> npt.NDArray[np.bool_]:
+        """(N, N + M), each pair once: robots, then obstacles."""
+        touched = np.zeros((len(self.ahead_m), len(self.ahead_m) + len(self.obstacles())), bool)
         for pair in self.team.touched:
-            touching[pair] = touching[pair[::-1]] = True
-        return touching
+            touched[pair] = True
+        return touched
 
     def _look(self) -> None:
         """Where the points are that the bases steer, and how they move."""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.messages import Vector, Vector2
+from edge_runtime.motion.range_sensor import Disc
 from firmware_bridge.kinematics.base import BaseMotion
 from firmware_bridge.kinematics.frames import rotate
 from firmware_bridge.simulation.plants import Motion
@@ -64,6 +65,10 @@ class World(abc.ABC):
         """The tracked objects', in the fleet file's order."""
         return ()
 
+    def obstacles(self) -> Sequence[Disc]:
+        """What stands or walks in the robots' way."""
+        return ()
+
     def reading(self, robot: int, sensor: str) -> Vector:
         """What a robot's further sensor reads: none has any here."""
         raise KeyError(sensor, robot)
@@ -89,6 +94,13 @@ class World(abc.ABC):
         """Which robots touch each other now (N, N)."""
         touching: npt.NDArray[np.bool_] = self.distances_m() <= self.radius_m[:, None] + self.radius_m[None]
         return touching
+
+    def bumping(self) -> npt.NDArray[np.bool_]:
+        """Which robots touch which obstacles now (N, M)."""
+        x, y, radius = np.array(self.obstacles(), np.float64).reshape(-1, 3).T
+        apart = np.hypot(self.position_m[:, :1] - x, self.position_m[:, 1:] - y)
+        bumping: npt.NDArray[np.bool_] = apart <= self.radius_m[:, None] + radius
+        return bumping
 
     def distances_m(self) -> Floats:
         """Return the distances between the discs' centres (N, N), infinite from each to itself."""

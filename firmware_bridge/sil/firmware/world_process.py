@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import replace
 
 from edge_runtime.common.realtime import enter_realtime, freeze_garbage
 from edge_runtime.common.signals import StopSignals
-from edge_runtime.config.fleet import load_fleet
+from edge_runtime.config.fleet import Obstacle, load_fleet
 from firmware_bridge.mavlink.profiles import PROFILES
 from firmware_bridge.ros.profile import profile_path
 from firmware_bridge.sil.firmware.agilex import AgilexChassis
@@ -62,6 +63,7 @@ class WorldSpec(msgspec.Struct, frozen=True):
     pose_hz: float = 0.0
     """Of the streams that tell poses, where they have a rate of their own."""
     ros_path: tuple[str, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
 
 
 class WorldRecord(msgspec.Struct, frozen=True):
@@ -80,7 +82,7 @@ class WorldProcess:
     """The world and its firmware."""
 
     def __init__(self, spec: WorldSpec) -> None:
-        fleet = load_fleet(Path(spec.stations[0].fleet_file))
+        fleet = replace(load_fleet(Path(spec.stations[0].fleet_file)), obstacles=spec.obstacles)
         robots = [fleet.robot(station.robot_id) for station in spec.stations]
         manifests = [robot_bundle(fleet, robot, spec.policy).manifest for robot in robots]
         standings = [Standing(one.start_m, one.heading_rad, one.vehicle.ahead_m) for one in spec.stations]
@@ -98,7 +100,9 @@ class WorldProcess:
         pace = Pace(spec.rate_hz, spec.pose_hz or 1.0 / (pose_steps * STEP_S), spec.duration_s)
         streamed = spec.pose_hz > 0.0
         self._recorders = [NodeRecorder(*one, pace, streamed=streamed) for one in self._firmware.items()]
-        self._sources = Sources(fleet, world, self._take_pose, spec.pose_hz, time.monotonic())
+        sensors = [manifest.body.sensor() for manifest in manifests]
+        telling = spec.pose_hz, time.monotonic(), sensors
+        self._sources = Sources(fleet, world, self._take_pose, *telling)
         self._pose_turn = 0
         self._loop = FirmwareLoop(world, nodes, pose_steps)
         self._spec, self._late_s = spec, Samples(1.0 / STEP_S, spec.duration_s)

@@ -66,6 +66,7 @@ class Launch:
             scenario.faults,
             request.pose_hz,
             request.ros_path,
+            scenario.fleet.obstacles,
         )
         return self._start("world", world_process, self._write("world", spec), answers=True)
 

@@ -128,6 +128,7 @@ def _robot(scenario: Scenario, recording: Recording, index: int) -> RobotQuality
         least_distance_m=outcome.least_distance_m,
         greatest_speed_m_s=outcome.greatest_speed_m_s,
         firmware_timeouts=node.timeouts,
+        obstacle_contacts=outcome.obstacle_contacts,
     )
 
 
@@ -146,7 +147,8 @@ def _team(scenario: Scenario, recording: Recording, robots: Sequence[RobotQualit
         fleet_message_age_ms=_worst(robot.fleet_message_age_ms for robot in robots),
         fleet_used_age_ms=_worst(robot.fleet_used_age_ms for robot in robots),
         objective_violations_share=float(np.mean([robot.objective_violations_share for robot in robots])),
-        collisions=sum(robot.collisions for robot in robots) // 2,
+        collisions=sum(robot.collisions for robot in robots) // 2
+        + sum(robot.obstacle_contacts for robot in robots),
         goals_reached=sum(robot.goals_reached for robot in robots),
         cpu_cores=sum(cost.cpu_cores for cost in recording.costs),
         memory_mib=sum(cost.memory_mib for cost in recording.costs),

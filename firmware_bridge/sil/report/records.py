@@ -31,7 +31,7 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
     objective_violations_share: float
     """Of the time, any objective with a limit; the team's is the mean."""
     collisions: int
-    """Contacts begun; the team's counts each once."""
+    """Contacts begun with other robots; the team's counts each once, and those with obstacles."""
     goals_reached: int
     """Robots at their goals at the end."""
     cpu_cores: float
@@ -82,6 +82,8 @@ class RobotQuality(Quality, frozen=True, kw_only=True):
     least_distance_m: float | None
     greatest_speed_m_s: float
     firmware_timeouts: int
+    obstacle_contacts: int = 0
+    """Begun, with obstacles."""
 
 
 class ProcessCost(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from edge_runtime.common.realtime import PRIORITY
 from edge_runtime.common.toml_file import Table, read_toml, refuse
-from edge_runtime.config.fleet import Fleet, load_fleet
+from edge_runtime.config.fleet import Fleet, fleet_from, load_fleet
 from edge_runtime.config.network import Robot
 from edge_runtime.control.mission import adapted
 from edge_runtime.errors import BundleError, ConfigError
@@ -30,6 +30,7 @@ from firmware_bridge.sil.scenario.team_file import (
     on_zenoh,
     resolved,
     task_team,
+    with_ranges,
     with_streams,
     write_fleets,
     write_key,
@@ -124,8 +125,11 @@ def prepare(request: Request, folder: Path) -> Scenario:
     # come in a stream, which begins then.
     streamed = request.pose_hz > 0.0 or request.bridge in ROS
     table = with_streams(table, network.stream, wanted=streamed)
+    obstacles = fleet_from(table, request.fleet).obstacles if request.fleet else ()
+    if obstacles:  # no robot knows of them: each sees them
+        table = with_ranges({key: value for key, value in table.items() if key != "obstacle"}, network.stream)
     files = write_fleets(table, robots, network, folder)
-    fleet = load_fleet(files[robots[0]])
+    fleet = replace(load_fleet(files[robots[0]]), obstacles=obstacles)
     if request.limits == DEFAULT_LIMITS and any(each.goal_m for each in fleet.tracked):
         # Who carries something together touches it, and each other.
         limits = replace(limits, run=replace(limits.run, collisions=None))
@@ -162,6 +166,8 @@ def _check_plant(fleet: Fleet, bundles: Sequence[Bundle]) -> None:
     Raises:
         EdgeError: says which, and what it would take.
     """
+    if fleet.obstacles and fleet.simulation.plant == "vmas":
+        raise ConfigError("obstacle: means nothing in plant 'vmas'; allowed with plant 'discs' and 'mujoco'")
     for bundle in bundles:
         if fleet.simulation.plant == "mujoco":
             check_fleet(fleet, bundle.manifest)
@@ -193,8 +199,8 @@ def _asked_table(request: Request, folder: Path) -> Table:
         write_key(folder / "team.key")
         return resolved(generated_team(request.robots or ROBOTS, wheels=request.plant == "mujoco"), folder)
     path = request.fleet
-    load_fleet(path)
     table = read_toml(path)
+    fleet_from(table, path)
     if "carrier" not in table:
         refuse(path, "carrier", 'missing: processes need a network; add [carrier] key = "team.key"')
     if on_zenoh(table) and importlib.util.find_spec("zenoh") is None:

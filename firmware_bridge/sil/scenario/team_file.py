@@ -58,6 +58,11 @@ def task_team(task: str) -> Table:
     return {**table, "carrier": {"type": "udp", "key": "team.key"}}
 
 
+def with_ranges(table: Table, stream: int) -> Table:
+    """Return the fleet whose robots hear from the world what their range sensors read, at this port."""
+    return {**table, "robots": [{**robot, "ranges": f"{HOST}:{stream}"} for robot in table["robots"]]}
+
+
 def with_streams(table: Table, stream: int, *, wanted: bool = False) -> Table:
     """Return the fleet with poses, tracked objects and sensors told by the world, at this port.
 

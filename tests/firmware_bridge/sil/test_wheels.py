@@ -1,9 +1,11 @@
 """Teams on wheels that slip, behind every bridge."""
 
+import importlib
 import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from ros_peers import DEBIAN, needs_ros1
@@ -14,12 +16,15 @@ from edge_runtime.errors import ConfigError
 from firmware_bridge.kinematics.base import Base, BaseMotion, motion_for
 from firmware_bridge.ros.profile import load_profile, profile_path
 from firmware_bridge.sil.firmware.node import STEP_S
+from firmware_bridge.sil.firmware.sources import Sources
 from firmware_bridge.sil.firmware.truth import Truth
 from firmware_bridge.sil.firmware.world import Standing
+from firmware_bridge.sil.harness.robots import check_robot
 from firmware_bridge.sil.scenario import scenario as scenarios
 from firmware_bridge.sil.scenario.scenario import Request, prepare, robot_bundle
 from firmware_bridge.sil.scenario.team_file import write_key
 from firmware_bridge.sil.scenario.vehicle import Vehicle
+from firmware_bridge.simulation.plants import PLANTS
 from firmware_bridge.simulation.wheels.bases import BASES
 
 wheeled = pytest.importorskip("firmware_bridge.sil.firmware.wheeled_world", reason="MuJoCo is not installed")
@@ -82,6 +87,53 @@ def test_contacts_are_those_of_the_bases(make):
         truth.follow()
     assert [outcome.collisions for outcome in truth.outcomes()] == [1, 1, 0]
     assert world.distances_m()[0, 1] > world.radius_m[0] + world.radius_m[1]
+
+
+OBSTACLES = """
+[[obstacle]]
+centre_m = [3.0, 0.0]
+radius_m = 0.5
+[[obstacle]]
+centre_m = [0.0, -4.6]
+radius_m = 0.2
+velocity_m_s = [0.0, 0.5]
+"""
+
+
+@pytest.mark.parametrize("plant", ["discs", "mujoco"])
+def test_robots_see_obstacles_of_the_fleet_and_touch_them(tmp_path, plant):
+    """What a robot's own file has is a range stream: it knows of no obstacle."""
+    write_key(tmp_path / "team.key")
+    path = tmp_path / "team.toml"
+    path.write_text(
+        f'[team]\nscale_m = 6.0\n[simulation]\nplant = "{plant}"\n[carrier]\nkey = "team.key"\n'
+        "[[robots]]\nid = 4\naddress = '127.0.0.1:9'\nstart_m = [0.0, 0.0]\ngoal_m = [9.0, 0.0]\n"
+        "[[robots]]\nid = 7\naddress = '127.0.0.1:8'\nstart_m = [0.0, -2.0]\ngoal_m = [9.0, 3.0]\n"
+        + OBSTACLES
+    )
+    scenario = prepare(Request(fleet=path, bridge="mavlink", rate_hz=20.0), tmp_path)
+    own = load_fleet(Path(scenario.stations[0].fleet_file))
+    assert not own.obstacles and all(robot.ranges_place for robot in own.robots)
+    assert len(scenario.fleet.obstacles) == 2
+    check_robot(scenario, scenario.stations[0])
+    manifests = [robot_bundle(own, robot, "").manifest for robot in own.robots]
+    standings = [Standing(one.start_m, 0.0, one.vehicle.ahead_m) for one in scenario.stations]
+    module = importlib.import_module(PLANTS[plant].world)
+    world = module.make_world(scenario.fleet, manifests, standings, STEP_S, 0.05)
+    truth = Truth(world, [None] * 2, (), STEP_S)
+    sensors = [manifest.body.sensor() for manifest in manifests]
+    with Sources(own, world, range_sensors=sensors) as sources:
+        (up, down), far_m = (len(sensors[1].rays) // 4, -(len(sensors[1].rays) // 4)), sensors[1].range_m
+        assert sources._ranges_m(1)[up] == pytest.approx(2.0 - manifests[0].body.radius_m, abs=0.02)
+        assert sources._ranges_m(1)[down] == sources._ranges_m(0)[0] == far_m
+        for step in range(round(6.0 / STEP_S)):
+            world.step([BaseMotion(0.9), BaseMotion()])
+            truth.follow()
+            if step == round(2.0 / STEP_S):
+                assert sources._ranges_m(1)[down] == pytest.approx(1.4, abs=0.03)
+    for outcome in truth.outcomes():  # one ran into an obstacle, into the other one walked
+        assert (outcome.obstacle_contacts >= 1, outcome.collisions) == (True, 0)
+    assert world.position_m[0, 0] < 2.5 and world.position_m[1, 1] > -1.9
 
 
 def test_a_fleet_that_its_wheels_do_not_fit_is_refused_before_anything_starts(tmp_path):
