@@ -149,7 +149,9 @@ def test_streams_with_a_rate_of_their_own_are_told_at_it(monkeypatch):
     host = SimpleNamespace(publish=lambda *content: told.append(content), listen=lambda: None)
     monkeypatch.setattr(streams, "StreamHost", lambda *_: host)
     monkeypatch.setattr(streams, "team_key", lambda _: b"key")
-    robot = SimpleNamespace(id=4, pose_place=("127.0.0.1", 1), address="127.0.0.1:2", sensors={})
+    robot = SimpleNamespace(
+        id=4, pose_place=("127.0.0.1", 1), ranges_place=None, address="127.0.0.1:2", sensors={}
+    )
     fleet = SimpleNamespace(robots=(robot,), tracked=())
     manifest, there = packaged_bundle("navigation").manifest, Standing((0.0, 1.0), 0.5, 0.1)
     world = PlanarWorld([manifest], [there], 0.01)
