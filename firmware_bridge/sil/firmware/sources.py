@@ -97,10 +97,8 @@ class Sources(Closing):
 
     def _ranges_m(self, place: int) -> tuple[float, ...]:
         """What the robot's range sensor reads of the others and of obstacles."""
-        sensor, (own, *others) = (
-            self._range_sensors[place],
-            np.roll(self._world.position_m, -place, 0).tolist(),
-        )
+        sensor = self._range_sensors[place]
+        own, *others = np.roll(self._world.position_m, -place, 0).tolist()
         return tuple(sensor.readings(own, [*sensor.discs(own, others), *self._world.obstacles()]))
 
     def _noise(self) -> float:

@@ -101,8 +101,7 @@ class WorldProcess:
         streamed = spec.pose_hz > 0.0
         self._recorders = [NodeRecorder(*one, pace, streamed=streamed) for one in self._firmware.items()]
         sensors = [manifest.body.sensor() for manifest in manifests]
-        telling = spec.pose_hz, time.monotonic(), sensors
-        self._sources = Sources(fleet, world, self._take_pose, *telling)
+        self._sources = Sources(fleet, world, self._take_pose, spec.pose_hz, time.monotonic(), sensors)
         self._pose_turn = 0
         self._loop = FirmwareLoop(world, nodes, pose_steps)
         self._spec, self._late_s = spec, Samples(1.0 / STEP_S, spec.duration_s)
