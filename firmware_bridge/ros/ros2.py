@@ -58,6 +58,7 @@ class Ros2Client:
         self._profile, self._folders, self._put = profile, folders, put
         self._node: Any = None
         self._commands: Any = None
+        self._last_word: Any = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
 
@@ -223,6 +224,21 @@ class Ros2Client:
         tellers = self._others(self._node.get_publishers_info_by_topic(odometry))
         listeners = self._commands.get_subscription_count() if self._commands else 0
         self._put(Sight(listeners, rivals, len(tellers)))
+        self._ask_last_word()
+
+    def _ask_last_word(self) -> None:
+        """Subscribe once more where an emergency stop is told when it changes, and its last word kept.
+
+        That word is for those alone who ask for it, and whoever asks hears nobody else.
+        """
+        topic, kept = self._profile.emergency_stop, self._qos.DurabilityPolicy.TRANSIENT_LOCAL
+        if topic is None or self._last_word is not None:
+            return
+        tellers = self._node.get_publishers_info_by_topic(topic)
+        if any(teller.qos_profile.durability == kept for teller in tellers):
+            quality = self._quality(True)
+            quality.durability = kept
+            self._last_word = self._node.create_subscription(self._std.Bool, topic, self._hear_stop, quality)
 
     def _others(self, endpoints: list[Any]) -> tuple[str, ...]:
         """Whose endpoints these are, ours left out."""

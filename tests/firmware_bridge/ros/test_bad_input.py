@@ -153,6 +153,13 @@ def test_an_emergency_stop_pressed_before_the_start_is_told(ros):
     assert robot.commands == []
 
 
+@needs_ros2
+def test_one_that_was_told_once_before_the_start_is_told_too(ros2, tmp_path):
+    with ros2.peer(pressed=True, kept=True) as robot:
+        assert "the emergency stop is pressed" in refused(ros2, profile=ros2.profile_with(tmp_path))
+    assert robot.commands == []
+
+
 def test_one_pressed_under_way_has_the_robot(ros, patient):
     with ros.peer() as robot, driving(ros, robot, patient) as bridge:
         robot.tell("publish_stop", True)

@@ -32,8 +32,13 @@ class Peer:
             self.odometry = node.create_publisher(Odometry, config["odometry"], QoSProfile(depth=10))
         if config.get("stop"):
             self.pressed = config.get("pressed", False)
-            self.stop = node.create_publisher(Bool, config["stop"], qos_profile_sensor_data)
-            node.create_timer(0.1, self.tell_stop)
+            quality = qos_profile_sensor_data
+            if config.get("kept"):
+                quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.stop = node.create_publisher(Bool, config["stop"], quality)
+            self.tell_stop()
+            if not config.get("kept"):
+                node.create_timer(0.1, self.tell_stop)
         self.rivals = []
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(node)
