@@ -91,7 +91,7 @@ fuzz: $(DEV)/ready  ## Thousands of hostile files, a million frames at each deco
 	$(DEV)/bin/python -m pytest tests/firmware_bridge/can/test_codec.py -k junk --hypothesis-profile=fuzz
 	MAVLINK_FUZZ_CASES=1000000 $(DEV)/bin/python -m pytest tests/firmware_bridge/mavlink/test_codec.py -k fuzz
 
-mutants: $(DEV)/ready  ## Changes the guard and both codecs in every small way: a test must fail each time
+mutants: $(DEV)/ready  ## Changes guard, codecs and the ROS link in every small way: a test must fail each time
 	$(DEV)/bin/pip install --quiet --editable '.[dev,mutation]'
 	$(DEV)/bin/mutmut run
 	$(DEV)/bin/mutmut results

@@ -54,9 +54,10 @@ def test_a_profile_gives_speed_and_deceleration():
         ({"profile": "husky_noetic"}, "speaks ROS 1: --bridge ros1"),
         ({"profile": "husky"}, "no such profile"),
         ({"namespace": "a200"}, "must look like"),
-        ({"max_speed_m_s": 1.5}, "at most 1 m/s"),
+        ({"max_speed_m_s": 1.5}, "at most 1 m/s, the limit of profile clearpath_jazzy"),
         ({"max_speed_m_s": math.nan}, "must be positive"),
-        ({"origin": Origin(math.inf, 0.0, 0.0)}, "--ros-origin must be three finite numbers"),
+        ({"origin": Origin(math.inf, 0.0, 0.0)}, "^--ros-origin must be three finite numbers$"),
+        ({"origin": Origin(0.0, 0.0, math.nan)}, "^--ros-origin must be three finite numbers$"),
     ],
 )
 def test_what_does_not_fit_is_refused(wrong, line):

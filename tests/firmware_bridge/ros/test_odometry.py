@@ -54,7 +54,9 @@ def test_what_goes_stale_is_a_fault_and_what_comes_again_is_none(odometer):
     assert odometer.fault(5.4) == ""
 
 
-@pytest.mark.parametrize("name", ["x_m", "y_m", "heading_rad", "forward_m_s", "yaw_rad_s", "stamp_s"])
+@pytest.mark.parametrize(
+    "name", ["x_m", "y_m", "heading_rad", "forward_m_s", "lateral_m_s", "yaw_rad_s", "stamp_s"]
+)
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 def test_what_is_not_finite_becomes_no_state(odometer, name, number):
     odometer.take(odometry(5.0))
@@ -178,5 +180,8 @@ def test_a_heading_survives_roll_and_pitch_and_a_quaternion_that_is_none_is_told
     w, z = math.cos(yaw / 2) * math.cos(pitch / 2), math.sin(yaw / 2) * math.cos(pitch / 2)
     x, y = -math.sin(yaw / 2) * math.sin(pitch / 2), math.cos(yaw / 2) * math.sin(pitch / 2)
     assert odometry_from(message(x, y, z, w), 0.0, 0.0).heading_rad == pytest.approx(yaw)
+    for place, heading in enumerate((0.0, math.pi, math.pi, 0.0)):  # half a turn about each axis; none
+        turn = [-1.0 if one == place else 0.0 for one in range(4)]
+        assert abs(odometry_from(message(*turn), 0.0, 0.0).heading_rad) == heading
     assert math.isnan(odometry_from(message(0.0, 0.0, 0.0, 0.0), 0.0, 0.0).heading_rad)
     assert math.isnan(odometry_from(message(0.0, 0.0, math.nan, 1.0), 0.0, 0.0).heading_rad)

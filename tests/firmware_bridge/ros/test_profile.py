@@ -3,8 +3,9 @@
 import pytest
 
 from edge_runtime.errors import ConfigError
-from firmware_bridge.ros.profile import PROFILES, check_namespace, load_profile, profile_path
+from firmware_bridge.ros.profile import PROFILES, RosProfile, check_namespace, load_profile, profile_path
 
+COUNTS = "`zeros` must lie in [1, 100] and `recoveries` in [0, 100]"
 NAMES = sorted(path.stem for path in PROFILES.glob("*.toml"))
 
 
@@ -37,28 +38,55 @@ def test_jazzy_stamps_its_commands_and_humble_does_not():
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ('command = "cmd_vel"', 'command = "cmd vel"', "not a name of ROS"),
-        ('command = "cmd_vel"', "", "command: missing"),
-        ('message = "Twist"', 'message = "Pose"', "allowed: 'Twist', 'TwistStamped'"),
-        ('"controller/cmd_vel_timeout"', '"cmd_vel_timeout"', "node/parameter"),
-        ("[limits]", "firmware_timeout_s = 0.5\n[limits]", "one of `timeout_parameter` and"),
-        ("[limits]", "stale_s = 0\n[limits]", "`stale_s` must lie in"),
-        ("[limits]", "period_s = 11\n[limits]", "`period_s` must lie in"),
-        ("[limits]", "zeros = 0\n[limits]", "`zeros` must lie in"),
-        ("# emergency_stop_silent_s", "emergency_stop_silent_s", "needs `emergency_stop`"),
+        ('command = "cmd_vel"', 'command = "cmd vel"', "not a name of ROS: 'cmd vel'"),
+        ('command = "cmd_vel"', "", f"command: missing; allowed: {', '.join(RosProfile.__struct_fields__)}"),
+        (
+            'message = "Twist"',
+            'message = "Pose"',
+            "message: Invalid enum value 'Pose'; allowed: 'Twist', 'TwistStamped'",
+        ),
+        (
+            '"controller/cmd_vel_timeout"',
+            '"/cmd_vel_timeout"',
+            "`timeout_parameter` must name a node and its parameter: node/parameter",
+        ),
+        (
+            "[limits]",
+            "firmware_timeout_s = 0.5\n[limits]",
+            "give one of `timeout_parameter` and `firmware_timeout_s`: asked for, or known",
+        ),
+        ("[limits]", "stale_s = 0\n[limits]", "`stale_s` must lie in (0, 10], got 0.0"),
+        ("[limits]", "period_s = 11\n[limits]", "`period_s` must lie in (0, 10], got 11.0"),
+        ("[limits]", "enable_timeout_s = -1\n[limits]", "`enable_timeout_s` must lie in (0, 10], got -1.0"),
+        ("[limits]", "zeros = 0\n[limits]", COUNTS),
+        ("[limits]", "zeros = 101\n[limits]", COUNTS),
+        ("[limits]", "recoveries = -1\n[limits]", COUNTS),
+        ("[limits]", "recoveries = 101\n[limits]", COUNTS),
+        (
+            "# emergency_stop_silent_s",
+            "emergency_stop_silent_s",
+            "`emergency_stop_silent_s` needs `emergency_stop`: the topic that may fall silent",
+        ),
         (
             "[limits]",
             'emergency_stop = "e_stop"\nemergency_stop_silent_s = 0\n[limits]',
-            "`emergency_stop_silent_s` must lie in",
+            "`emergency_stop_silent_s` must lie in (0, 10], got 0.0",
         ),
-        ("[limits]", "recoveries = 101\n[limits]", "`zeros` must lie in"),
-        ("speed_m_s = 0.5", "speed_m_s = 0.0", "`speed_m_s` must be positive"),
-        ("speed_m_s = 0.5", "speed_m_s = 0.5\ndeceleration_m_s2 = 0", "`deceleration_m_s2` must be"),
-        ("speed_m_s = 0.5", "speed_m_s = 0.5\ncolour = 1", "unknown key"),
+        ("speed_m_s = 0.5", "speed_m_s = 0.0", "limits: `speed_m_s` must be positive, got 0.0"),
+        (
+            "speed_m_s = 0.5",
+            "speed_m_s = 0.5\ndeceleration_m_s2 = 0",
+            "limits: `deceleration_m_s2` must be positive, got 0.0",
+        ),
+        (
+            "speed_m_s = 0.5",
+            "speed_m_s = 0.5\ncolour = 1",
+            "limits.colour: unknown key; allowed: speed_m_s, deceleration_m_s2",
+        ),
         (
             'kind = "differential"',
             'kind = "ackermann"\nwheelbase_m = 1.0\nmax_steering_rad = 0.5',
-            "no steering angle",
+            "a Twist has no steering angle: `base.kind` must not be 'ackermann'",
         ),
     ],
 )
@@ -67,9 +95,27 @@ def test_what_a_profile_may_not_say(tmp_path, old, new, complaint):
     text = profile_path("generic").read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError, match=complaint) as caught:
+    with pytest.raises(ConfigError) as caught:
         load_profile(profile_path(str(path)))
-    assert str(path) in str(caught.value)
+    assert str(caught.value) == f"{path}: {complaint}"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("stale_s", 10.0), ("period_s", 1e-3), ("enable_timeout_s", 10.0)),
+        *(("zeros", 1), ("zeros", 100), ("recoveries", 0), ("recoveries", 100)),
+    ],
+)
+def test_what_it_may(tmp_path, name, value):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{name} = {value}\n{profile_path('generic').read_text()}")
+    assert getattr(load_profile(path), name) == value
+
+
+def test_what_it_leaves_out_is_left_out_under_a_namespace_too():
+    limo = load_profile(profile_path("limo_ros2")).under("/limo")
+    assert (limo.emergency_stop, limo.timeout_parameter, limo.operators) == (None, None, ())
 
 
 def test_a_profile_that_does_not_exist_is_answered_with_those_that_do():
@@ -84,5 +130,6 @@ def test_a_namespace_is_accepted(namespace):
 
 @pytest.mark.parametrize("namespace", ["a200_0000", "/", "/a200 0000", "/0", "/a200_0000/", "/a\n"])
 def test_what_is_no_namespace_is_refused(namespace):
-    with pytest.raises(ConfigError, match="must look like /a200_0000"):
+    with pytest.raises(ConfigError) as caught:
         check_namespace(namespace)
+    assert str(caught.value) == f"--ros-namespace {namespace!r}: must look like /a200_0000, or be left out"
