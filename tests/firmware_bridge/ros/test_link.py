@@ -170,6 +170,13 @@ def test_an_emergency_stop_that_falls_silent_stops_the_robot_until_it_speaks(rig
     assert rig.condition()[0] is Condition.OVERRIDE  # its last word counts, however old
 
 
+def test_one_that_was_heard_at_the_start_alone_falls_silent_too(rig):
+    rig.open()
+    rig.now += 4.0
+    rig.hear(rig.odometry())
+    assert rig.condition()[1].startswith("the emergency stop has been silent for 4")
+
+
 def test_nobody_publishes_the_stop_and_then_somebody_falls_silent(rig):
     rig.client.graphs = [Graph(changed(STOP, publishers=()))]
     rig.client.arriving = [rig.odometry(), Sight(1)]
@@ -250,6 +257,7 @@ def test_a_robot_that_is_found_late_may_still_turn_out_to_be_somebody_elses(rig)
 
 CHECK = "check --ros-namespace and --ros-profile"
 OTHER_PROFILE = "take the profile of this robot's software, or set `message` in a copy"
+JOYSTICK = PROFILE.operators[0]
 EIGHT = "/0, /1, /2, /3, /4, /5, /6, /7"
 IN_TIME = "within 10 s (domain 7)"
 
@@ -276,6 +284,11 @@ def changed(name, **changes):
             Graph(changed(STOP, types=("std_msgs/Empty",))),
             ConfigError,
             f"{STOP} carries std_msgs/Empty here, --ros-profile says std_msgs/Bool: {OTHER_PROFILE}",
+        ),
+        (
+            Graph({**WHOLE, JOYSTICK: Topic(("geometry_msgs/Twist",))}),
+            ConfigError,
+            f"{JOYSTICK} carries geometry_msgs/Twist here, --ros-profile says {TWIST}: {OTHER_PROFILE}",
         ),
         (
             Graph(changed(COMMAND, publishers=("/move_base",))),
@@ -400,6 +413,21 @@ def test_commands_carry_the_robots_time(rig):
     rig.hear(rig.odometry(stamp_s=1000.0))
     rig.link.send(Setpoint(0, rig.now, (0.0, 0.0), (0.0, 0.0)), rig.now + 0.01)
     assert rig.client.published[-1][1] == pytest.approx(1000.01)
+    rig.now += 0.02
+    next(rig.link.stop_sequence())
+    assert rig.client.published[-1][1] == pytest.approx(1000.02)
+
+
+def test_what_is_odd_about_its_clock_is_told_while_it_waits_and_drives(rig):
+    rig.open()
+    assert rig.link.health(rig.now).warning == ""
+    rig.hear(rig.odometry(stamp_s=1000.0))
+    waiting = rig.link.health(rig.now)
+    rig.play(rig.link.enable_sequence())
+    ready = rig.link.health(rig.now)
+    assert (waiting.condition, ready.condition) == (Condition.WAITING, Condition.READY)
+    assert waiting.warning == ready.warning
+    assert "commands carry its time" in ready.warning
 
 
 @pytest.mark.parametrize(("ros", "client"), [(1, Ros1Client), (2, Ros2Client)])
