@@ -6,6 +6,7 @@ import struct
 import msgspec
 import pytest
 from can_peers import guard_spec
+from clocks import simulate_waits
 
 import firmware_bridge.can.asking as asking
 from edge_runtime.errors import BridgeError, ConfigError
@@ -89,9 +90,9 @@ def drives():
     bus.close()
 
 
-@pytest.fixture
-def impatient(monkeypatch):
-    monkeypatch.setattr(asking, "ANSWER_S", 0.01)
+@pytest.fixture(autouse=True)
+def _time_passes_by_waiting(monkeypatch):
+    simulate_waits(monkeypatch, asking)
 
 
 def test_off_as_it_leaves_the_factory_is_told_and_nothing_is_set(drives):
@@ -148,14 +149,12 @@ def test_a_parameter_that_is_not_kept_is_refused(drives, endpoint, name):
         watchdog_timeout_s(drives, WATCHDOG, turn_on=True)
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_lost_answer_is_asked_for_again(drives):
     drives.silent = 2
     assert watchdog_timeout_s(drives, WATCHDOG, turn_on=False) == 0.0
     assert [frame.frame_id for frame in drives.asked[:3]] == [0x00] * 3
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_silent_drive_is_named(drives):
     drives.silent = 10**6
     with pytest.raises(BridgeError, match="ODrive node 0 does not answer: check power"):
@@ -163,7 +162,6 @@ def test_a_silent_drive_is_named(drives):
     assert len(drives.asked) == 3
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_full_queue_is_no_silent_failure(drives):
     drives.full = True
     with pytest.raises(BridgeError, match="does not answer"):

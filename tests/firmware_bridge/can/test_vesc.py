@@ -6,6 +6,7 @@ from collections import deque
 
 import msgspec
 import pytest
+from clocks import simulate_waits
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can import asking
@@ -71,9 +72,8 @@ class Drives:
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch):
-    monkeypatch.setattr(asking, "ANSWER_S", 0.01)
-    monkeypatch.setattr(asking.select, "select", lambda *_: None)
+def _time_passes_by_waiting(monkeypatch):
+    simulate_waits(monkeypatch, asking)
 
 
 @pytest.mark.parametrize(
