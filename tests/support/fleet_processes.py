@@ -1,10 +1,12 @@
 """Teams of processes on the loopback."""
 
 import json
+import queue
 import signal
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 
 from bundles import MANIFEST
@@ -36,42 +38,40 @@ def robot(robot_id, extra=""):
 
 
 class Process:
-    """A robot of the team in a process of its own."""
+    """A robot of the team in a process of its own; read all the time, for a full pipe would hold it up."""
 
     def __init__(self, path, robot_id, loss, stack):
         program = SUPPORT / "fleet_process.py"
         command = [sys.executable, str(program), str(path), str(robot_id), str(loss)]
         self.process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-        self.reader = None
+        self._lines = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
         stack.callback(self._kill)
+
+    def _read(self):
+        for line in self.process.stdout:
+            self._lines.put(line)
+        self._lines.put("")
 
     def _kill(self):
         self.process.kill()
-        if self.reader:
-            self.reader.join()
+        self._reader.join()
 
     def tick(self):
-        return json.loads(self.process.stdout.readline())
-
-    def read_on(self):
-        """Read in a thread from here on: a full pipe would hold the process up."""
-        self.rows = []
-        self.reader = threading.Thread(target=lambda: self.rows.extend(map(json.loads, self.process.stdout)))
-        self.reader.start()
+        """The first tick that was not taken yet."""
+        return json.loads(self._lines.get(timeout=HANG_S))
 
     def rest(self):
-        """The ticks read in the thread, and the report, of a process that ends by itself."""
-        self.reader.join(HANG_S)
+        """The ticks not taken yet, and the report, of a process that ends by itself."""
+        *ticks, report = map(json.loads, iter(partial(self._lines.get, timeout=HANG_S), ""))
         assert self.process.wait(HANG_S) == 0
-        *ticks, report = self.rows
         return ticks, report
 
     def end(self):
-        """The ticks not read yet, and the report."""
+        """End it; the ticks not taken yet, and the report."""
         self.process.send_signal(signal.SIGTERM)
-        *ticks, report = map(json.loads, self.process.stdout)
-        assert self.process.wait() == 0
-        return ticks, report
+        return self.rest()
 
 
 def hostile(draw):

@@ -203,10 +203,9 @@ def published(path, place, motive):
 
 @pytest.mark.parametrize("version", [(4, 0), (4, 1), (4, 2)])
 def test_rigid_bodies_reach_the_robot_that_carries_them(path, place, version):
-    with Motive(version) as motive:
-        with published(path, place, motive) as feed:
-            seen = watch(path, bool)
-        assert motive.kept_alive >= 1
+    with Motive(version) as motive, published(path, place, motive) as feed:
+        seen = watch(path, bool)
+        until(lambda: motive.kept_alive)
     assert seen[-1].position_m == pytest.approx((0.5, 2.0))
     assert seen[-1].velocity_m_s == pytest.approx((0.0, 0.0), abs=1e-9)
     assert seen[-1].heading_rad == pytest.approx(0.4)
@@ -259,7 +258,7 @@ def test_a_server_that_started_anew_is_asked_again(path, place, monkeypatch):
     monkeypatch.setattr(feeds, "SILENT_S", 0.1)
     monkeypatch.setattr(feeds, "KEEP_ALIVE_S", 0.05)
     with contextlib.ExitStack() as stack:
-        with Motive() as motive:
+        with Motive(port=free_port()[1]) as motive:
             stack.enter_context(published(path, place, motive))
             assert watch(path, bool)
         with Motive(port=motive.port):

@@ -186,15 +186,22 @@ def watch(fleet, *flags, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-@pytest.mark.parametrize("robots, code", [((0, 1), 0), ((1,), 1)])
-def test_once_says_whether_everybody_is_there(fleet, robots, code):
-    with Talking(fleet) as team, watch(fleet, "--once") as process:
-        while process.poll() is None:
-            team.say(*robots)
-            time.sleep(0.05)
-        shown = process.stdout.read().splitlines()
-        assert (process.returncode, process.stderr.read()) == (code, "")
-    assert [("driving" in line) for line in shown] == [index in robots for index in range(2)]
+@pytest.mark.parametrize("robots", [(0, 1), (1,)])
+def test_once_says_whether_everybody_is_there(fleet, robots):
+    def asked():
+        """Whether all that talk were heard in its few seconds, which a busy machine may sleep through."""
+        with Talking(fleet) as team, watch(fleet, "--once") as process:
+            while process.poll() is None:
+                team.say(*robots)
+                time.sleep(0.05)
+            shown = process.stdout.read().splitlines()
+            driving = [index for index, line in enumerate(shown) if "driving" in line]
+            assert process.stderr.read() == ""
+            assert process.returncode == int(driving != [0, 1])
+            assert set(driving) <= set(robots)
+            return driving == list(robots)
+
+    until(asked)
 
 
 def test_a_pipe_gets_plain_lines_and_a_signal_ends_them(fleet):
@@ -215,14 +222,18 @@ def test_a_script_asks_beside_somebodys_screen(fleet):
         while "robot 1  driving" not in shown:
             team.say(0, 1)
             shown += arrived(first.stdout.fileno()).decode()
-        with watch(fleet, "--once") as second:
-            while second.poll() is None:
-                team.say(0, 1)
-                time.sleep(0.02)
-                arrived(first.stdout.fileno())
-            assert second.returncode == 0
-            assert "passes on what it hears" in second.stderr.read()
-            assert second.stdout.read().count("driving") == 2
+
+        def asked():
+            with watch(fleet, "--once") as second:
+                while second.poll() is None:
+                    team.say(0, 1)
+                    time.sleep(0.02)
+                    arrived(first.stdout.fileno())
+                assert "passes on what it hears" in second.stderr.read()
+                assert (second.stdout.read().count("driving") == 2) == (second.returncode == 0)
+                return second.returncode == 0
+
+        until(asked)  # a busy machine may sleep through its few seconds
         team.say(0, 1)
         first.send_signal(signal.SIGTERM)
         assert first.wait(timeout=HANG_S) == 0
@@ -262,7 +273,7 @@ def test_who_asks_no_more_is_forgotten():
                 listener.send(seal(Magic.LISTEN, b"", KEY), place)
             robot.send(packet, place)
             assert until(lambda: list(first.receive())) == [packet]
-            assert bool(list(listener.receive())) == passed
+            assert until(lambda: list(listener.receive())) if passed else not list(listener.receive())
             clock.now_s += FORGET_S
 
 
@@ -282,6 +293,7 @@ def screen_of(output, columns=80, rows=24):
 @pytest.mark.parametrize("end", [b"q", b"\x03"], ids=["q", "ctrl-c"])
 def test_a_terminal_gets_a_screen_and_is_left_as_it_was(fleet, end):
     pytest.importorskip("rich")
+    pytest.importorskip("pyte")
     command = [sys.executable, "-m", "edge_runtime.tools.watch", "--fleet", str(fleet)]
     child, terminal = pty.fork()
     if child == 0:
@@ -289,18 +301,15 @@ def test_a_terminal_gets_a_screen_and_is_left_as_it_was(fleet, end):
         os.execve(sys.executable, command, {**os.environ, **size})  # noqa: S606
     before, output = termios.tcgetattr(terminal), b""
     with Talking(fleet) as team:
-        while b"2 of 2" not in output or b"driving" not in output:  # a busy machine shows half a screen
-            team.say(0, 1)
+        while not all(words in screen_of(output) for words in ("2 of 2", "driving", "q ends")):
+            team.say(0, 1)  # a busy machine shows half a screen
             output += arrived(terminal)
-        shown = screen_of(output)
         os.write(terminal, end)
         while b"\x1b[?1049l" not in output:
             output += arrived(terminal)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     assert termios.tcgetattr(terminal) == before
     os.close(terminal)
-    assert "driving" in shown
-    assert "q ends" in shown
 
 
 @pytest.mark.parametrize(
