@@ -5,8 +5,9 @@ from functools import partial
 
 import can
 import pytest
-from can_peers import Chassis, guard_spec, multicast_address
+from can_peers import Chassis, guard_spec, multicast_address, patient_spec
 from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
+from waiting import HANG_S, until
 
 from edge_runtime.config.fleet import load_fleet
 from edge_runtime.control.mission import Mission
@@ -39,6 +40,7 @@ def changed(old, new):
 
 @pytest.fixture
 def ip(tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_bridge.can.interface.ASKING_S", HANG_S)
     return partial(install_ip, tmp_path, monkeypatch)
 
 
@@ -145,10 +147,20 @@ def address():
 @pytest.fixture
 def listen(address):
     def listen(arm, seconds=20.0):
-        link = make_link(guard_spec(address))
+        link = make_link(patient_spec(address))
         return examine("feedback", lambda: feedback(link, arm, seconds))
 
     return listen
+
+
+@pytest.fixture
+def listen_for(listen):
+    """Listen for a second, again and again, until something of the chassis was heard."""
+
+    def listen_for(words):
+        return until(lambda: found if words in (found := listen(arm=True, seconds=1.0)).detail else None)
+
+    return listen_for
 
 
 def test_a_chassis_in_standby_is_heard_and_left_alone(address, listen):
@@ -175,10 +187,10 @@ def test_a_chassis_in_its_operators_hand(address, listen):
     assert "operator" in found.detail
 
 
-def test_a_chassis_with_a_fault(address, listen):
+def test_a_chassis_with_a_fault(address, listen_for):
     with Chassis(address) as chassis:
         chassis.vehicle_state = 2
-        found = listen(arm=True, seconds=1.0)
+        found = listen_for("VehicleState")
     assert (found.verdict, found.detail) == (
         Verdict.FAIL,
         "the firmware reports a fault (SystemState.VehicleState = 2)",
@@ -207,12 +219,10 @@ def test_a_vescs_settings_are_findings_each(tmp_path):
     assert "Minimum ERPM is 0" in found[1].detail
 
 
-def test_frames_that_cannot_be_read_are_told(address, listen):
+def test_frames_that_cannot_be_read_are_told(address, listen_for):
     with Chassis(address) as chassis:
         chassis.corrupt = True
-        found = listen(arm=True, seconds=1.0)
-    assert found.verdict is Verdict.FAIL
-    assert "frames could not be read" in found.detail
+        assert listen_for("frames could not be read").verdict is Verdict.FAIL
 
 
 def test_silence_is_bounded(listen):

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 from bundles import write_straight_bundle
-from can_peers import Chassis, multicast_address
-from waiting import HANG_S
+from can_peers import Chassis, multicast_address, patient_profile
+from waiting import HANG_S, until
 
 from edge_runtime.run import edge_run as run
 
@@ -28,20 +28,27 @@ def test_edge_run_enables_drives_and_stops_a_chassis(chassis, address, tmp_path)
     report, bundle = tmp_path / "run.json", write_straight_bundle(tmp_path / "straight")
     fleet = tmp_path / "alone.toml"
     fleet.write_text("[[robots]]\nid = 0\nstart_m = [0.0, 0.0]\ngoal_m = [3.0, 1.0]\n")
-    runtime = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "edge_runtime.run", "--robot-id", "0", "--rate", "50"),
-            *("--fleet", str(fleet)),
-            *("--bridge", "can", "--bus", address, "--profile", "agilex_v2", "--arm"),
-            *("--guard-deadline", "0.5", "--policy", str(bundle), "--json", str(report)),
-        ]
-    )
-    try:
-        chassis.wait(lambda: len(chassis.data(0x111)) > 20, runtime)
-        runtime.send_signal(signal.SIGTERM)
-        assert runtime.wait(HANG_S) == 0
-    finally:
-        runtime.kill()
+    command = [
+        *(sys.executable, "-m", "edge_runtime.run", "--robot-id", "0", "--rate", "50", "--fleet", str(fleet)),
+        *("--bridge", "can", "--bus", address, "--profile", patient_profile(), "--arm"),
+        *("--guard-deadline", "0.5", "--policy", str(bundle), "--json", str(report)),
+    ]
+
+    def driven():
+        """Whether it drove until it was told to end: on a busy machine its guard's deadline may pass."""
+        chassis.frames.clear()
+        runtime = subprocess.Popen(command)
+        try:
+            chassis.wait(lambda: len(chassis.data(0x111)) > 20 or runtime.poll() is not None)
+            runtime.send_signal(signal.SIGTERM)
+            code = runtime.wait(HANG_S)
+        finally:
+            runtime.kill()
+        starved = "no fresh command" in json.loads(report.read_text())["stop_reason"]
+        assert starved or code == 0
+        return not starved
+
+    until(driven)
     assert any(data[:2] != b"\0\0" for data in chassis.data(0x111))
     assert chassis.data(0x111)[-1] == bytes(8)
     written = json.loads(report.read_text())

@@ -4,6 +4,7 @@ from functools import partial
 
 import pytest
 from ip_fakes import CAN, SERIAL, VIRTUAL, install_ip
+from waiting import HANG_S
 
 from edge_runtime.errors import BridgeError
 from firmware_bridge.can.interface import parse_interface, show_interface
@@ -11,6 +12,7 @@ from firmware_bridge.can.interface import parse_interface, show_interface
 
 @pytest.fixture
 def ip(tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_bridge.can.interface.ASKING_S", HANG_S)
     return partial(install_ip, tmp_path, monkeypatch)
 
 

@@ -1,5 +1,7 @@
 """What the doctor says of an autopilot, and that it asks for nothing but the time and one parameter."""
 
+from types import SimpleNamespace
+
 import pytest
 from mavlink_peers import HOME, ScriptedAutopilot, Ticks, vehicle_frame
 from pymavlink.dialects.v20 import ardupilotmega as common
@@ -34,9 +36,10 @@ def beat(mode, armed):
 
 @pytest.fixture(autouse=True)
 def _no_time_for_others(monkeypatch):
-    """What is on the link speaks at once or never."""
+    """What is on the link speaks at once or never; no time passes but by looking at the clock."""
     monkeypatch.setattr(conversation, "LISTENING_S", 0.0)
     monkeypatch.setattr(conversation, "LISTEN_S", 1.0)
+    monkeypatch.setattr(conversation, "time", SimpleNamespace(monotonic=Ticks()))
 
 
 @pytest.fixture
