@@ -44,14 +44,17 @@ class Drive:
         """Wait until the robot drives.
 
         Raises:
-            DisturbedError: if the runtime ended before, with the last line that it wrote.
+            DisturbedError: if the runtime ended before, with the last line that it wrote, or its guard.
         """
         self.await_(lambda: len(self._robot.arrivals()) >= 5 or self.runtime.poll() is not None, "drove")
         if self.runtime.poll() is not None:
             raise DisturbedError(f"the runtime ended: {self.runtime.communicate()[1].splitlines()[-1]}")
         assert self.runtime.stdout is not None  # noqa: S101 - for the type checker
         self.guard = int(self.runtime.stdout.readline())
-        self._guard_ended = os.pidfd_open(self.guard)
+        try:
+            self._guard_ended = os.pidfd_open(self.guard)
+        except ProcessLookupError:
+            raise DisturbedError(f"the guard of the {self._robot.name} robot has ended") from None
         return self
 
     def __exit__(self, *_: object) -> None:

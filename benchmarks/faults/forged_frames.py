@@ -2,6 +2,7 @@
 
 import random
 import secrets
+import select
 import tempfile
 import time
 from collections import deque
@@ -19,6 +20,9 @@ from firmware_bridge.sil.firmware.autopilot import Autopilot
 
 CHUNK = 30
 """Frames between two looks at the link: they fit into a socket's buffer and into one of its passes."""
+
+ARRIVING_S = 1.0
+"""Longest wait for the first of them."""
 
 
 def count_accepted(frames: int, advance: Callable[[int], None], seed: int = 0) -> int:
@@ -51,6 +55,7 @@ def _accepted(link: MavlinkLink, rover: MavlinkRobot, frames: list[bytes]) -> in
     before = link.tally.accepted
     for frame in frames:
         rover.wire.send(frame)
+    select.select(link.filenos(), (), (), ARRIVING_S)
     link.receive(time.monotonic())
     return link.tally.accepted - before
 

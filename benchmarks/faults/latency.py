@@ -9,6 +9,9 @@ from benchmarks.faults.drive import LONGEST_S, DisturbedError, Drive
 from benchmarks.faults.robot import Robot
 from edge_runtime.errors import BridgeError
 
+ARRIVING_S = 1.0
+"""Longest wait for frames that are under way when their sender has ended."""
+
 
 def guard_latencies(kind: type[Robot], commands: int, realtime: bool = False) -> list[float]:
     """Return the seconds from each call of the runtime to the kernel's stamp of the frame's arrival.
@@ -46,6 +49,7 @@ def bus_latencies(kind: type[Robot], commands: int, realtime: bool = False) -> l
         output, _ = sender.communicate(timeout=LONGEST_S)
         if sender.returncode != 0:
             raise BridgeError(f"the frames on the {robot.name} bus were not sent")
+        robot.serve(ARRIVING_S, lambda: len(robot.arrivals()) == commands)
         delays = _delays(robot, output)
     if min(delays) < 0.0:
         raise BridgeError(f"a command to the {robot.name} robot was lost")

@@ -41,7 +41,7 @@ def enable(link: Link, robot: Robot) -> None:
     Raises:
         BridgeError: if it does not.
     """
-    guard = Guard(link, msgspec.structs.replace(robot.spec(), deadline_s=1.0))
+    guard = Guard(link, msgspec.structs.replace(robot.spec(), deadline_s=ENABLING_S))
     for sequence in range(round(ENABLING_S / PERIOD_S)):
         now_s = time.monotonic()
         guard.on_packet(encode_command(Setpoint(sequence, now_s, *FORWARD)), now_s)

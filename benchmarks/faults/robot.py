@@ -57,6 +57,8 @@ class Robot(Closing, abc.ABC):
     def __init__(self, firmware: Firmware[Any], wire: Wire[Any]) -> None:
         self.firmware = firmware
         self.heard: list[Heard] = []
+        self.late_s = 0.0
+        """How late the plant's latest step was."""
         firmware.on_command = self.heard.append
         manifest = packaged_bundle("navigation").manifest
         motion = msgspec.structs.replace(manifest.motion, drag=0.0)
@@ -85,7 +87,7 @@ class Robot(Closing, abc.ABC):
         """Act for some seconds, or until something holds; returns whether it does."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s and not until():
-            self._loop.turn(end_s)
+            self.late_s = max(self.late_s, self._loop.turn(end_s) or 0.0)
         return until()
 
     def cut(self) -> None:

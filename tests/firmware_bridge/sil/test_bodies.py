@@ -8,7 +8,8 @@ import foreign_policies
 import pytest
 from foreign_teams import imported
 from msgspec.structs import replace
-from sil_reports import LENIENT
+from sil_reports import LENIENT, unstarved
+from waiting import until
 
 from edge_runtime.errors import BundleError, ConfigError
 from firmware_bridge.sil.harness.robots import check_robot
@@ -36,9 +37,13 @@ def test_real_processes_of_other_bodies_drive_over_can(policies, tmp_path, name,
     flags = ("--policy", policies / name, "--robots", "2", "--rate", "10", "--duration", "6")
     files = ("--limits", tmp_path / "lenient.toml", "--json", tmp_path / "run.json")
     command = [sys.executable, "-m", "firmware_bridge.sil.edge_sil", *map(str, (*flags, *files))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+
+    def driven():
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        return unstarved((done, json.loads((tmp_path / "run.json").read_text())))
+
+    done, report = until(driven)
     assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "run.json").read_text())
     assert (report["policy"], report["ended"]) == (name, [])
     for robot in report["robots"]:
         assert robot["goal_distance_m"] < 1.0  # of 1.74 at the start

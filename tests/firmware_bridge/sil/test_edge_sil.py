@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from quiet import on_a_quiet_machine
-from sil_reports import LENIENT
+from sil_reports import LENIENT, unstarved
 from waiting import HANG_S, until
 
 import edge_runtime
@@ -181,7 +181,7 @@ def test_a_team_drives_by_a_pose_stream(folder):
 
 
 def test_a_team_drives_and_is_measured(folder):
-    done, report = run(folder, "--robots", "2", "--rate", "5", "--duration", "1")
+    done, report = until(lambda: unstarved(run(folder, "--robots", "2", "--rate", "5", "--duration", "1")))
     assert (done.returncode, report["verdict"], report["ended"]) == (0, "passed", []), done.stderr
     assert [robot["robot_id"] for robot in report["robots"]] == [0, 1]
     assert {"world", "probe", "robot_0", "robot_1/guard", "harness"} <= {

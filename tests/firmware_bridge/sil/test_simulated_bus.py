@@ -29,8 +29,15 @@ def alone(tmp_path):
 def test_edge_run_drives_it_through_its_guard(alone, tmp_path):
     report = tmp_path / "run.json"
     flags = [*FLAGS, *alone, "--profile", "agilex_v2", "--guard-deadline", "1", "--arm", "--duration", "4"]
-    assert edge_run.main([*flags, "--json", str(report)]) == 0
-    written = json.loads(report.read_text())
+
+    def driven():
+        """The report of a run whose guard did not stop it: on a busy machine its deadline may pass."""
+        code, written = edge_run.main([*flags, "--json", str(report)]), json.loads(report.read_text())
+        starved = "no fresh command" in written["stop_reason"]
+        assert starved or code == 0
+        return None if starved else written
+
+    written = until(driven)
     assert (written["bridge"], written["failed"]) == ("can", False)
     assert written["max_speed_m_s"] > 0.0
 

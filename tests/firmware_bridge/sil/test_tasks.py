@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sil_reports import LENIENT
+from sil_reports import LENIENT, unstarved
 from waiting import until
 
 from edge_runtime.config.fleet import load_fleet
@@ -107,9 +107,13 @@ def test_real_processes_carry_the_load(tmp_path, bridge):
     report = tmp_path / "run.json"
     line = (sys.executable, "-m", "firmware_bridge.sil.edge_sil", "--task", "balance", "--bridge", bridge)
     flags = ("--duration", "4", "--limits", str(tmp_path / "lenient.toml"), "--json", str(report))
-    done = subprocess.run([*line, *flags], capture_output=True, text=True, check=False)
+
+    def driven():
+        done = subprocess.run([*line, *flags], capture_output=True, text=True, check=False)
+        return unstarved((done, json.loads(report.read_text())))
+
+    done, told = until(driven)
     assert done.returncode == 0, done.stderr
-    told = json.loads(report.read_text())
     (package,) = told["objects"]
     assert package["name"] == "package"
     assert "package: " in done.stdout
