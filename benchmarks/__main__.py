@@ -28,6 +28,7 @@ COMMANDS = {
     "recording": "benchmarks.recording.recording_command",
     "samplers": "benchmarks.paper.samplers.samplers_command",
     "sil": "benchmarks.sil.sil_command",
+    "stills": "benchmarks.stills",
     "steering": "benchmarks.paper.steering.steering_command",
     "tasks": "benchmarks.paper.driven",
     "team_size": "benchmarks.paper.team_size.team_size_command",
