@@ -10,6 +10,7 @@ from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
 
 from edge_runtime.common.command_line import CommandParser, command, complain
 from edge_runtime.common.flag_types import whole_number
+from edge_runtime.common.streams import lost
 from edge_runtime.errors import EdgeError, FailedError
 from export.algorithms.base import TrainingSettings
 from export.common.distributed import join, launch
@@ -103,12 +104,14 @@ def work(request: Request) -> None:
         print(f"best validation score {run.best_score:.1%}; next: edge-export {request.out} --out DIR")
 
 
-def _work_in_group(request: Request) -> EdgeError | None:
+def _work_in_group(request: Request) -> EdgeError | OSError | None:
     """Return what should end in one line; torchrun's conventions would make a traceback of it."""
     try:
         work(request)
-    except EdgeError as error:
+    except (EdgeError, OSError) as error:
         return error
+    finally:
+        lost(sys.stdout)
     return None
 
 

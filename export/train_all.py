@@ -39,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for job, failure in work_off(open_jobs, executor):
             failures += bool(failure)
             print(f"train_all: {failure}" if failure else f"finished {job.bundle}", flush=True)
+            if left := [job for job in open_jobs if not job.finished]:
+                print(cost(left, at_once), flush=True)
     return 1 if failures else 0
 
 

@@ -107,6 +107,23 @@ def test_a_reader_that_stops_reading_is_no_error(name):
     assert (code in (0, 1), shown, said) == (True, "", "")  # 1 where the text was cut
 
 
+@pytest.mark.parametrize(
+    "words",
+    ["benchmarks latency -h", "edge_runtime.completion bash", "export.train_all -h", "export.edge_train -h"],
+)
+def test_no_reader_at_all_is_no_error_of_a_module_either(words):
+    module, *flags = words.split()
+    if module.startswith("export"):
+        pytest.importorskip("torch")
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", module, *flags]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT)
+    os.close(writer)
+    assert done.returncode in (0, 1, 2)  # 2 where shtab is not installed
+    assert "Traceback" not in done.stderr and done.stderr.count("\n") <= 1
+
+
 @pytest.mark.parametrize("stream", ["stdout", "both"])
 def test_streams_that_were_closed_lose_only_the_text(name, stream):
     sinks = {"stdout": ">&-", "both": "<&- >&- 2>&-"}[stream]

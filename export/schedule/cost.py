@@ -1,4 +1,4 @@
-"""What training will take, before it begins."""
+"""What training will take: how much before it begins, how long as soon as runs tell."""
 
 import csv
 from collections.abc import Sequence
@@ -7,22 +7,27 @@ from pathlib import Path
 from export.schedule.job import Job
 from export.training.checkpoint import CHECKPOINT
 
-FRAMES_PER_S = {"mappo": 8_000, "pc-mappo": 7_000, "mafpo": 4_000, "mafpo-chain": 4_000, "mafpo-warm": 3_500}
-"""Control steps in a second on one core of a workstation, validation included: assumed where no run tells."""
 RUN_BYTES = 2_000_000
 """What a finished run takes on the disk, about."""
 
 
 def cost(jobs: Sequence[Job], at_once: int) -> str:
-    """Tell how many frames are left, and about how long that takes if so many are trained at once."""
+    """Tell how many frames are left, and about how long that takes if so many are trained at once.
+
+    Machines and tasks differ too much to assume a speed: it is that of runs of the same task and algorithm.
+    """
     frames = sum(_left(job) for job in jobs)
-    seconds = sum(_left(job) / _rate(job) for job in jobs)
-    elapsed = seconds / max(min(at_once, len(jobs)), 1)
     space = sum(RUN_BYTES for job in jobs if not (job.directory / CHECKPOINT).exists())
-    return (
-        f"{len(jobs)} to train: {frames / 1e6:.1f} million frames, {_duration(seconds)} of one core, "
-        f"about {_duration(elapsed)} with {at_once} at once, {space / 1e6:.0f} MB"
-    )
+    rates = {job: _rate(job) for job in jobs}
+    seconds = sum(_left(job) / rate for job, rate in rates.items() if rate)
+    unknown = sum(rate is None for rate in rates.values())
+    told = f"{len(jobs)} to train: {frames / 1e6:.1f} million frames, {space / 1e6:.0f} MB"
+    if seconds:
+        elapsed = seconds / min(at_once, len(jobs))
+        told += f", {_duration(seconds)} of one core, about {_duration(elapsed)} with {at_once} at once"
+    if unknown:
+        told += f"; the time of {unknown} is not known yet: the first run of a task and algorithm tells it"
+    return told
 
 
 def _duration(seconds: float) -> str:
@@ -34,13 +39,13 @@ def _left(job: Job) -> int:
     return max(job.frames - int(row["frames"]), 0) if row else job.frames
 
 
-def _rate(job: Job) -> float:
-    """Frames in a second of its own run, of another seed's, or as assumed."""
+def _rate(job: Job) -> float | None:
+    """Frames in a second of its own run, or of another seed's."""
     for directory in (job.directory, *sorted(job.directory.parent.glob("seed-*"))):
         row = _last_row(directory)
         if row and float(row["seconds"]) > 0.0:
             return float(row["frames"]) / float(row["seconds"])
-    return FRAMES_PER_S[job.algorithm]
+    return None
 
 
 def _last_row(directory: Path) -> dict[str, str] | None:

@@ -21,8 +21,11 @@ def pool(at_once: int, address: str | None) -> Iterator[tuple[Executor, int]]:
         ConfigError: if dask is not installed, nobody answers at the address, or no worker has joined.
     """
     if address is None:
-        with ThreadPoolExecutor(at_once) as threads:
+        threads = ThreadPoolExecutor(at_once)
+        try:
             yield threads, at_once
+        finally:
+            threads.shutdown(cancel_futures=True)  # what has not begun stays so after an interruption
         return
     try:
         from distributed import Client  # noqa: PLC0415  # an extra

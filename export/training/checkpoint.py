@@ -1,13 +1,15 @@
 """What a training run leaves on the disk: ``checkpoint.pt`` to resume from, ``best.pt`` to export."""
 
+import contextlib
 import io
-import pickle
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import torch
+from msgspec import MsgspecError
 
 from edge_runtime.common.regular_file import read_regular
 from edge_runtime.errors import ConfigError
@@ -70,16 +72,40 @@ def load(path: Path) -> dict[str, Any]:
     """Read what ``save`` wrote, onto the CPU; nothing in the file is executed.
 
     Raises:
-        ConfigError: if the file is missing or damaged.
+        ConfigError: if the file is missing, damaged, or none.
     """
     try:
         content = io.BytesIO(read_regular(path, LARGEST_FILE))
-        return torch.load(content, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise ConfigError(f"{path} does not exist: name the --out directory of an edge-train run") from None
-    except (RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError, OSError) as error:
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    told = f"{path} is damaged or not a checkpoint: train again into a new directory"
+    try:
+        state = torch.load(content, map_location="cpu", weights_only=True)
+    except Exception as error:  # whatever torch makes of a file that is no checkpoint
+        raise ConfigError(told) from error
+    if not isinstance(state, dict):
+        raise ConfigError(told)
+    return state
+
+
+@contextlib.contextmanager
+def taken_from(path: Path, what: str) -> Iterator[None]:
+    """Let whatever does not fit in the state of a file be one line about the file.
+
+    Args:
+        path: of the file.
+        what: it should hold.
+
+    Raises:
+        ConfigError: if the state is another version's, or of something else.
+    """
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError, MsgspecError) as error:
         raise ConfigError(
-            f"{path} is damaged or not a checkpoint: train again into a new directory"
+            f"{path} holds no {what} of this version: train again into a new directory"
         ) from error
 
 
@@ -126,12 +152,8 @@ def load_policy(run_dir: Path) -> tuple[FlowNetwork, PolicyFacts]:
     """
     path = Path(run_dir) / BEST
     state = load(path)
-    try:
+    with taken_from(path, "policy"):
         facts = msgspec.convert(state["facts"], PolicyFacts)
         actor = FlowNetwork(**state["network"])
         actor.load_state_dict(state["actor"])
-    except (KeyError, TypeError, RuntimeError, msgspec.ValidationError) as error:
-        raise ConfigError(
-            f"{path} holds no policy of this version: train it again with edge-train"
-        ) from error
     return actor.eval(), facts

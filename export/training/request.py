@@ -1,5 +1,6 @@
 """What a training run is asked to do, checked before any process starts to do it."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from export.algorithms.mafpo_warm import MafpoWarm
 from export.algorithms.mappo import Mappo
 from export.algorithms.pc_mappo import PcMappo
 from export.scenarios import scenario_facts
-from export.training.checkpoint import CHECKPOINT, RunIdentity, check_identity, load
+from export.training.checkpoint import CHECKPOINT, RunIdentity, check_identity, load, taken_from
 
 ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, MafpoWarm, PcMappo)}
 
@@ -56,14 +57,16 @@ def check_request(request: Request, workers: int, settings: TrainingSettings | N
     """
     _check_directory(request)
     _check_warm_start(request)
-    saved = load(request.out / CHECKPOINT) if request.resume else None
+    path = request.out / CHECKPOINT
+    saved = load(path) if request.resume else None
     settings = settings or ALGORITHMS[request.algorithm].settings
-    frames = request.frames or (saved["identity"]["frames"] if saved else settings.frames)
-    settings = replace(settings, frames=frames)
+    with taken_from(path, "run"):
+        begun = {"frames": settings.frames} if saved is None else dict(saved["identity"])
+        settings = replace(settings, frames=request.frames or int(begun["frames"]))
     _check_shares(settings, workers)
     identity = _identify(request, workers, settings)
-    if saved:
-        check_identity(request.out / CHECKPOINT, saved["identity"], identity)
+    if saved is not None:
+        check_identity(path, begun, identity)
     return Beginning(settings, identity, saved)
 
 
@@ -74,7 +77,7 @@ def make_algorithm(request: Request) -> Algorithm:
 
 
 def _check_directory(request: Request) -> None:
-    started = (request.out / CHECKPOINT).exists()
+    started = os.path.exists(request.out / CHECKPOINT)  # noqa: PTH110  # pathlib's raises for too long names
     if started and not request.resume:
         raise ConfigError(
             f"{request.out} already holds a run: continue it with --resume or choose another --out"

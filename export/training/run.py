@@ -12,7 +12,7 @@ from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
 from export.common.distributed import Workers
 from export.scenarios import make_scenario
-from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy
+from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy, taken_from
 from export.training.metrics import MetricsRow, draw_curve, write_table
 from export.training.request import Request, check_request, make_algorithm
 from export.training.trainer import Trainer
@@ -45,14 +45,17 @@ class TrainingRun:
                 warm_start(algorithm.actor.as_flow(), request.scenario, request.warm_start, request.seed)
             self.trainer = Trainer(scenario, algorithm, beginning.settings, generator, workers)
             if request.warm_start:
-                self.trainer.adopt_critic(load(request.warm_start / CHECKPOINT)["trainer"])
+                path = request.warm_start / CHECKPOINT
+                with taken_from(path, "run"):
+                    self.trainer.adopt_critic(load(path)["trainer"])
         self._validation = Validation(
             request.scenario, beginning.settings, workers, preferred=request.preferred
         )
         self.rows: list[MetricsRow] = []
         self.best_score = float("-inf")
         if beginning.saved:
-            self._restore(beginning.saved)
+            with taken_from(request.out / CHECKPOINT, "run"):
+                self._restore(beginning.saved)
             return
         if request.warm_start:
             self._validate()  # learning on may make nothing better
@@ -74,7 +77,7 @@ class TrainingRun:
             self._checkpoint()
             if due:
                 self._write(self._draw)
-            show(self.rows[-1])
+            self._write(lambda: show(self.rows[-1]))  # who reads it may be gone
 
     def _update(self, clock: Callable[[], float]) -> MetricsRow:
         rate = self.trainer.learning_rate
@@ -142,12 +145,12 @@ class TrainingRun:
         draw_curve(self._request.out / "curve.png", self.rows, title, self.facts.failure)
 
     def _write(self, write: Callable[[], None]) -> None:
-        """Let the leading worker write a file; where it cannot, all workers end alike."""
-        failure = None
+        """Let the leading worker write; where it cannot, all workers end alike."""
+        failure: ConfigError | OSError | None = None
         if self._workers.leads:
             try:
                 write()
-            except ConfigError as error:
+            except (ConfigError, OSError) as error:
                 failure = error
         for reported in self._workers.gather(failure):
             if reported:

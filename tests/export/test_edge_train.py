@@ -1,15 +1,18 @@
+import os
 import re
 import subprocess
 import sys
 from dataclasses import replace
 
 import pytest
-from training_runs import SETTINGS
+from paths import ROOT
+from training_runs import SETTINGS, request
 
 from export import edge_train
 from export.algorithms.mafpo_chain import MafpoChain
 from export.edge_train import main, make_parser
 from export.training.lock import locked
+from export.training.request import check_request
 
 
 @pytest.mark.parametrize(
@@ -29,7 +32,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, cap
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("out", ["/proc/run", "/proc/self", "/dev/null/run"])
+@pytest.mark.parametrize("out", ["/proc/run", "/proc/self", "/dev/null/run", "x" * 300])
 def test_directory_that_cannot_be_written_is_one_line(out, capsys):
     assert main(["navigation", "--out", out]) == 2
     error = capsys.readouterr().err
@@ -53,6 +56,33 @@ def test_a_second_edge_train_in_one_directory_is_refused_until_the_first_has_end
         first.kill()
     with locked(tmp_path):
         pass
+
+
+TRAIN = """
+import sys
+sys.path.insert(0, "tests/support")
+from training_runs import SETTINGS
+from export.algorithms.mafpo_chain import MafpoChain
+from export.edge_train import main
+MafpoChain.settings = SETTINGS  # in each worker, which imports this file
+if __name__ == "__main__":
+    sys.exit(main(["navigation", "--out", *sys.argv[1:]]))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_whoever_reads_no_more_ends_the_training_quietly_and_it_can_go_on(tmp_path, workers):
+    (tmp_path / "train.py").write_text(TRAIN)
+    command = [sys.executable, tmp_path / "train.py", tmp_path / "run", "--workers", str(workers)]
+    reader, writer = os.pipe()
+    os.close(reader)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, cwd=ROOT, env=environment
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert check_request(request(tmp_path / "run", resume=True), workers, SETTINGS).saved
 
 
 def test_frames_are_not_rounded_in_silence(tmp_path, capsys, monkeypatch):

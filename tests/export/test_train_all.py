@@ -5,6 +5,7 @@ from threading import Event, Thread
 import pytest
 
 from edge_runtime.errors import ConfigError
+from export import train_all
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.edge_train import parse
 from export.schedule import pool
@@ -24,6 +25,12 @@ def begun(job):
     job.directory.mkdir(parents=True)
     (job.directory / "checkpoint.pt").touch()
     return job
+
+
+def told(job, frames, seconds):
+    """Has the job's run tell how fast it is."""
+    job.directory.mkdir(parents=True, exist_ok=True)
+    (job.directory / "metrics.csv").write_text(f"frames,seconds\n{frames},{seconds}\n")
 
 
 def train_request(job):
@@ -90,6 +97,7 @@ def test_workers_of_a_dask_cluster_train_in_this_process_stead(tmp_path, monkeyp
     distributed = pytest.importorskip("distributed")
     events = events_of(monkeypatch)
     flags = ["--out", str(tmp_path), "--scenarios", "balance", "--seeds", "2"]
+    told(job(tmp_path, "mappo"), 1000, 1.0)
     cluster = distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     )
@@ -130,14 +138,49 @@ def test_the_cost_is_told_before_and_counts_what_is_left(tmp_path, monkeypatch, 
     events_of(monkeypatch)
     flags = ["--out", str(tmp_path), "--scenarios", "balance", "--algorithms", "mappo", "--jobs", "2"]
     half, speed = FRAMES["balance"] // 2, 1000
-    begun = job(tmp_path, "mappo", seed=0).directory
-    begun.mkdir(parents=True)
-    (begun / "metrics.csv").write_text(f"frames,seconds\n{half},{half / speed}\n")
+    told(job(tmp_path, "mappo", seed=0), half, half / speed)
     assert main([*flags, "--seeds", "2"]) == 0
-    told = capsys.readouterr().out
+    shown = capsys.readouterr().out
     hours = 3 * half / speed / 3600
-    assert f"2 to train: {3 * half / 1e6:.1f} million frames, {hours:.1f} h of one core" in told
-    assert f"about {hours / 2:.1f} h with 2 at once" in told
+    assert f"2 to train: {3 * half / 1e6:.1f} million frames, 4 MB, {hours:.1f} h of one core" in shown
+    assert f"about {hours / 2:.1f} h with 2 at once" in shown
+
+
+def test_no_time_is_told_before_a_run_of_the_task_and_algorithm_tells_it(tmp_path, monkeypatch, capsys):
+    def one_by_one(open_jobs, _executor):
+        for job in open_jobs:
+            job.bundle.mkdir(parents=True)
+            (job.bundle / "manifest.json").touch()
+            told(job, job.frames, 3600.0)
+            yield job, ""
+
+    monkeypatch.setattr(train_all, "work_off", one_by_one)
+    flags = ["--out", str(tmp_path), "--scenarios", "balance", "--seeds", "2"]
+    assert main([*flags, "--algorithms", "mappo", "mafpo"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if "to train" in line]
+    assert len(lines) == 4
+    assert " MB; the time of 4 is not known yet" in lines[0]
+    assert "1.0 h of one core, about 1.0 h with 1 at once; the time of 2 is not known yet" in lines[1]
+    assert lines[2].endswith("2.0 h of one core, about 2.0 h with 1 at once")
+
+
+def test_an_interruption_begins_nothing_more():
+    begun, cancelled, ran = Event(), Event(), []
+
+    def first():
+        begun.set()
+        cancelled.wait(10.0)
+
+    def interrupted():
+        with pool.pool(1, None) as (executor, _):
+            executor.submit(first)
+            executor.submit(ran.append, "second").add_done_callback(lambda _: cancelled.set())
+            begun.wait()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert ran == []
 
 
 def test_a_run_of_another_budget_is_no_policy_of_the_tables(tmp_path, capsys):
@@ -148,6 +191,9 @@ def test_a_run_of_another_budget_is_no_policy_of_the_tables(tmp_path, capsys):
     assert main(flags) == 2
     said = capsys.readouterr().err
     assert f"was trained for 700000 frames, not {FRAMES['balance']}: choose another --out" in said
+    save(wanted.directory / "checkpoint.pt", {"frames": 700_000})
+    assert main(flags) == 2
+    assert "holds no run of this version" in capsys.readouterr().err
 
 
 def test_what_edge_train_says_is_what_is_told(tmp_path):

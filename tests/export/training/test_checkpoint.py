@@ -6,7 +6,7 @@ import torch
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.networks import FlowNetwork
-from export.training.checkpoint import PolicyFacts, load, load_policy, save, save_policy
+from export.training.checkpoint import LARGEST_FILE, PolicyFacts, load, load_policy, save, save_policy
 from export.training.run_file import write_run_file
 
 FACTS = PolicyFacts("navigation", "mafpo", 3, 12_800, "unknown", 0.5, euler_steps=10)
@@ -40,7 +40,31 @@ def test_missing_run_and_foreign_checkpoint_are_refused(tmp_path):
 
 def test_a_pipe_holds_nobody_up(tmp_path):
     os.mkfifo(tmp_path / "best.pt")
-    with pytest.raises(ConfigError, match=r"best\.pt is damaged or not a checkpoint"):
+    with pytest.raises(ConfigError, match=r"best\.pt: cannot be read \(not a regular file\)"):
+        load_policy(tmp_path)
+
+
+def test_a_file_of_any_size_is_read_only_up_to_a_bound(tmp_path):
+    (tmp_path / "best.pt").touch()
+    os.truncate(tmp_path / "best.pt", LARGEST_FILE + 1)
+    with pytest.raises(ConfigError, match=rf"cannot be read \(.*, at most {LARGEST_FILE} are read\)"):
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ([], "is damaged or not a checkpoint"),
+        (None, "is damaged or not a checkpoint"),
+        (torch.ones(2), "is damaged or not a checkpoint"),
+        ({}, "holds no policy of this version"),
+        ({"facts": []}, "holds no policy of this version"),
+        ({"facts": {"seed": "a"}}, "holds no policy of this version"),
+    ],
+)
+def test_a_file_of_something_else_is_refused_by_name(tmp_path, content, told):
+    torch.save(content, tmp_path / "best.pt")
+    with pytest.raises(ConfigError, match=rf"best\.pt {told}"):
         load_policy(tmp_path)
 
 

@@ -138,6 +138,33 @@ def test_checkpoint_of_a_version_without_averaged_weights_is_refused(finished, t
         TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
 
 
+DAMAGES = {
+    "nothing": lambda state: state.clear(),
+    "no identity": lambda state: state.pop("identity"),
+    "another kind of identity": lambda state: state.update(identity=3),
+    "no frames": lambda state: state["identity"].pop("frames"),
+    "no trainer": lambda state: state.pop("trainer"),
+    "no critic": lambda state: state["trainer"].pop("critic"),
+    "an optimizer of something else": lambda state: state["trainer"].update(optimizer={}),
+    "weights of another shape": lambda state: state["trainer"]["actor"].popitem(),
+    "no workers": lambda state: state.update(workers=[]),
+    "another scenario's episodes": lambda state: state["workers"][0]["collector"].update(scenario={}),
+    "rows of another version": lambda state: state["rows"][0].update(loss=1.0),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_checkpoint_of_another_version_is_refused_and_stays(finished, tmp_path, damage):
+    state, path = load(finished / "checkpoint.pt"), tmp_path / "checkpoint.pt"
+    DAMAGES[damage](state)
+    torch.save(state, path)
+    content = path.read_bytes()
+    with pytest.raises(ConfigError, match=r"checkpoint\.pt holds no run of this version"):
+        TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == content
+
+
 def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):
     with pytest.raises(ConfigError, match="already holds a run: continue it with --resume"):
         check_request(request(finished), 1)
