@@ -119,14 +119,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> str:
     if arguments.print_facts_template:
         return facts_template()
+    _check_change(arguments)
     if arguments.upgrade is not None:
         return upgrade_bundle(arguments.upgrade, _scenario_fields)
     if arguments.calibration is not None and arguments.from_onnx is None and arguments.seen is None:
         raise ConfigError("--calibration goes with --from-onnx or --seen: a run's policy is rolled out")
-    if arguments.seen is not None and (arguments.run or arguments.from_onnx or arguments.out):
-        raise ConfigError(
-            "--seen DIR changes a bundle that is there: it goes without RUN, --from-onnx and --out"
-        )
     if arguments.seen is not None:
         return tell_seen(arguments.seen, arguments.calibration)
     if (arguments.resample is None) != (arguments.exponential_steps is None):
@@ -142,6 +139,17 @@ def _run(arguments: argparse.Namespace) -> str:
         return signer.sign()
     told = _export(arguments)
     return f"{told}\n{signer.sign()}" if signer else told
+
+
+def _check_change(arguments: argparse.Namespace) -> None:
+    """Refuse what would be left undone: a bundle that is there is changed in one way at a time."""
+    changes = [name for name in ("upgrade", "seen", "resample") if getattr(arguments, name) is not None]
+    others = (arguments.run, arguments.from_onnx, arguments.out, arguments.sign)
+    if changes and (len(changes) > 1 or any(others)):
+        raise ConfigError(
+            f"--{changes[0]} DIR changes a bundle that is there: it goes without RUN, --from-onnx, --out, "
+            "--sign and other changes"
+        )
 
 
 def _export(arguments: argparse.Namespace) -> str:

@@ -34,8 +34,8 @@ def bundle_draft(target: Path, *, force: bool = False) -> Iterator[Path]:
         ConfigError: if ``target`` exists and is no bundle or ``force`` is not set, or cannot be written.
     """
     target = Path(os.path.realpath(target))
-    _require_replaceable(target, force)
     try:
+        _require_replaceable(target, force)
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
             draft = Path(scratch) / target.name
@@ -43,7 +43,7 @@ def bundle_draft(target: Path, *, force: bool = False) -> Iterator[Path]:
             yield draft
             _replace(target, draft, Path(scratch) / ".replaced")
     except OSError as error:
-        raise ConfigError(f"{target}: cannot be written ({error.strerror})") from error
+        raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
 
 
 def write_bundle(

@@ -1,7 +1,10 @@
 """edge-export from its command line: runs, foreign graphs, and one line for every mistake."""
 
+import os
 import re
+import resource
 import sys
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -146,6 +149,8 @@ def test_mistakes_on_the_command_line(edge_export, training_run, facts, tmp_path
     assert "--facts goes with --from-onnx" in refused(edge_export, run, "--facts", facts, "--out", out)
     assert "--calibration goes with" in refused(edge_export, run, "--calibration", "x.npz", "--out", out)
     assert "--seen DIR changes a bundle" in refused(edge_export, "--seen", run, "--out", out)
+    assert "--upgrade DIR changes a bundle" in refused(edge_export, "--upgrade", run, "--sign", facts)
+    assert "--seen DIR changes a bundle" in refused(edge_export, "--seen", run, "--resample", run)
     assert "name the --out directory of an edge-train run" in refused(edge_export, out, "--out", out)
     assert not out.exists()
 
@@ -197,3 +202,78 @@ def test_a_graph_says_what_it_saw_by_a_calibration_file(edge_export, facts, tmp_
     fields = load_bundle(tmp_path / "mine").manifest.observation
     pairs = np.array([pair for field in fields for pair in field.seen])
     np.testing.assert_array_equal(pairs.T, [seen.min(0), seen.max(0)])
+
+
+ODD = {
+    "nothing": Path.exists,
+    "a folder": lambda path: path.mkdir(),
+    "no bytes": lambda path: path.touch(),
+    "noise": lambda path: path.write_bytes(bytes(range(256))),
+    "text": lambda path: path.write_text("hello\n"),
+    "a link to itself": lambda path: path.symlink_to(path),
+    "a pipe": os.mkfifo,
+    "a file without end": lambda path: path.symlink_to("/dev/zero"),
+    "three gigabytes": lambda path: (path.touch(), os.truncate(path, 3 << 30)),
+}
+READ = [
+    "odd --out out",
+    "--from-onnx odd --facts facts.toml --out out",
+    "--from-onnx net.onnx --facts odd --out out",
+    "--from-onnx net.onnx --facts facts.toml --calibration odd --out out",
+    "--upgrade odd",
+    "--seen odd",
+    "--resample odd --exponential-steps 3",
+    ". --out out --sign odd",
+    "--out odd --sign release.key",
+]
+
+
+def everything(folder):
+    return sorted((path, path.lstat().st_mtime_ns) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize("flags", READ)
+@pytest.mark.usefixtures("training_run", "facts", "key")
+def test_whatever_a_path_leads_to_is_one_line_and_nothing_is_left(edge_export, tmp_path, monkeypatch, flags):
+    monkeypatch.chdir(tmp_path)
+    export(FlowNetwork(7, 2, (8, 8)), "net.onnx")
+    for make in ODD.values():
+        make(tmp_path / "odd")
+        before = everything(tmp_path)
+        assert "odd" in refused(edge_export, *flags.split())
+        assert everything(tmp_path) == before
+        remove(tmp_path / "odd")
+    assert "x" * 300 in refused(edge_export, *flags.replace("odd", "x" * 300).split())
+    assert not (tmp_path / "out").exists()
+
+
+def remove(path):
+    if path.is_dir() and not path.is_symlink():
+        path.rmdir()
+    else:
+        path.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("out", ["odd", "odd/out", "/proc/out", "/dev/full", "/", "x" * 300])
+@pytest.mark.usefixtures("training_run")
+def test_what_cannot_be_the_bundles_folder_is_one_line(edge_export, tmp_path, monkeypatch, out):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd").touch()
+    before = everything(tmp_path)
+    assert out in refused(edge_export, ".", "--out", out)
+    assert everything(tmp_path) == before
+
+
+def test_a_full_disk_leaves_the_bundle_that_was_there(edge_export, training_run, tmp_path):
+    target = tmp_path / "nav"
+    target.mkdir()
+    (target / "manifest.json").touch()
+    before = everything(tmp_path)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))
+    try:
+        error = refused(edge_export, training_run[0], "--out", target, "--force")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert f"{target}: cannot be written (File too large)" in error
+    assert everything(tmp_path) == before
