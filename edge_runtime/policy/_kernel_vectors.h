@@ -48,6 +48,13 @@ INLINE double sum_of(const int d, const Vector *a)
     return sum;
 }
 
+/* The newest hypot differs in how it tells of overflow alone; with this one wheels load on older systems. */
+#if defined(__GLIBC__) && defined(__x86_64__)
+__asm__(".symver hypot, hypot@GLIBC_2.2.5");
+#elif defined(__GLIBC__) && defined(__aarch64__)
+__asm__(".symver hypot, hypot@GLIBC_2.17");
+#endif
+
 /* Its length, which does not overflow before it must. */
 INLINE double length_of(const int d, const Vector *a)
 {
