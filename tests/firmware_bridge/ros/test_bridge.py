@@ -7,6 +7,7 @@ import pytest
 from bundles import write_straight_bundle
 
 from edge_runtime.errors import ConfigError
+from edge_runtime.motion.models import PointAcceleration, Unicycle
 from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.run import edge_run
 from edge_runtime.run.flags import read_flags
@@ -46,6 +47,19 @@ def test_flags_become_the_guards_specification():
 def test_a_profile_gives_speed_and_deceleration():
     spec = make_spec(4, MANIFEST, options(bridge="ros1", profile="husky_noetic"), 20.0)
     assert (spec.link, spec.limits.speed_m_s, spec.deceleration_m_s2) == ("ros1", 1.0, 3.0)
+
+
+def test_a_policy_that_turns_its_robot_turns_it_as_fast_as_the_profile_allows():
+    motion = Unicycle(0.1)
+    spec = make_spec(4, msgspec.structs.replace(MANIFEST, motion=motion), options(), 20.0)
+    assert msgspec.json.decode(spec.options, type=RosOptions).turns
+    assert spec.limits.yaw_rate_rad_s == 1.0
+
+
+def test_what_a_profiles_base_cannot_follow_is_refused():
+    manifest = msgspec.structs.replace(MANIFEST, motion=PointAcceleration(0.1, dims=3))
+    with pytest.raises(ConfigError, match=r"base of .*clearpath_jazzy\.toml moves in the plane alone"):
+        make_spec(4, manifest, options(), 20.0)
 
 
 @pytest.mark.parametrize(

@@ -276,9 +276,9 @@ def changed(name, **changes):
             "one that was killed is forgotten within half a minute",
         ),
         (
-            Graph(changed(COMMAND, types=("geometry_msgs/Twist", TWIST))),
+            Graph(changed(COMMAND, types=("a/A", TWIST, "b/B"))),
             ConfigError,
-            f"{COMMAND} carries geometry_msgs/Twist here, --ros-profile says {TWIST}: {OTHER_PROFILE}",
+            f"{COMMAND} carries a/A, b/B here, --ros-profile says {TWIST}: {OTHER_PROFILE}",
         ),
         (
             Graph(changed(STOP, types=("std_msgs/Empty",))),
@@ -406,6 +406,10 @@ def test_a_profile_without_parameter_or_stop_asks_for_neither(monkeypatch):
     rig.open()
     assert rig.client.log == ["connect", "advertise", "listen"]
     assert rig.link.firmware_timeout_s is None
+    assert (
+        Rig(monkeypatch, msgspec.structs.replace(profile, firmware_timeout_s=0.4)).link.firmware_timeout_s
+        == 0.4
+    )
 
 
 def test_commands_carry_the_robots_time(rig):

@@ -113,13 +113,22 @@ def test_what_it_may(tmp_path, name, value):
     assert getattr(load_profile(path), name) == value
 
 
+def test_a_robot_may_brake_gently(tmp_path):
+    path = tmp_path / "mine.toml"
+    text = profile_path("generic").read_text()
+    path.write_text(text.replace("speed_m_s = 0.5", "speed_m_s = 0.5\ndeceleration_m_s2 = 0.5"))
+    assert load_profile(path).limits.deceleration_m_s2 == 0.5
+
+
 def test_what_it_leaves_out_is_left_out_under_a_namespace_too():
     limo = load_profile(profile_path("limo_ros2")).under("/limo")
     assert (limo.emergency_stop, limo.timeout_parameter, limo.operators) == (None, None, ())
 
 
 def test_a_profile_that_does_not_exist_is_answered_with_those_that_do():
-    with pytest.raises(ConfigError, match="known: clearpath_humble, clearpath_jazzy, generic"):
+    with pytest.raises(
+        ConfigError, match=f"^--ros-profile husky: no such profile; known: {', '.join(NAMES)}"
+    ):
         profile_path("husky")
 
 
