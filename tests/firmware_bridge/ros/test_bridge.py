@@ -44,6 +44,16 @@ def test_flags_become_the_guards_specification():
     assert told.python_path == ("/a", "/b")
 
 
+def test_the_odometrys_origin_is_the_teams_unless_a_flag_says_otherwise():
+    told = options()
+    assert (told.origin, told.namespace, told.python_path) == (Origin(0.0, 0.0, 0.0), "", ())
+
+
+def test_a_profile_is_asked_for():
+    with pytest.raises(ConfigError, match="required: --ros-profile"):
+        read_flags(["--robot-id", "0", "--bridge", "ros1"])
+
+
 def test_a_profile_gives_speed_and_deceleration():
     spec = make_spec(4, MANIFEST, options(bridge="ros1", profile="husky_noetic"), 20.0)
     assert (spec.link, spec.limits.speed_m_s, spec.deceleration_m_s2) == ("ros1", 1.0, 3.0)

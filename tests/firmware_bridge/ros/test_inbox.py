@@ -43,6 +43,12 @@ def test_what_other_threads_put_in_arrives_in_their_order(inbox):
         assert [n for source, n in taken if source == first] == list(range(60))
 
 
+def test_as_many_as_may_wait_are_taken(inbox):
+    for number in range(MOST):
+        inbox.put(number)
+    assert inbox.take() == list(range(MOST))
+
+
 def test_a_flood_is_bounded_and_told(inbox):
     for number in range(100 * MOST):
         inbox.put(number)

@@ -171,6 +171,7 @@ def test_an_emergency_stop_that_falls_silent_stops_the_robot_until_it_speaks(rig
 
 
 def test_one_that_was_heard_at_the_start_alone_falls_silent_too(rig):
+    rig.client.graphs = [Graph(changed(STOP, publishers=()))]  # who told it is gone
     rig.open()
     rig.now += 4.0
     rig.hear(rig.odometry())
