@@ -191,7 +191,7 @@ def _combined(
         tally.projections += conflicting or opposed
     else:
         guidance = COMBINE[guide.projection](directions, factors, nominal)
-        tally.projections += guidance != weighted_sum(directions, factors)
+        tally.projections += guide.projection == "cone" and guidance != weighted_sum(directions, factors)
     return guidance
 
 
