@@ -13,7 +13,9 @@ from edge_runtime.config.fleet import load_fleet
 from edge_runtime.policy.bundle import packaged_bundle
 from edge_runtime.policy.manifest_file import read_manifest
 from edge_runtime.recording.reader import read_log
+from edge_runtime.recording.schema import LoggedObjectiveSet
 from edge_runtime.tools.replay.edge_replay import main
+from edge_runtime.tools.replay.replay import recorded_objectives
 
 FIRST = SUPPORT / "artefacts" / "0.1.0"
 LOG = FIRST / "navigation.mcap"
@@ -23,6 +25,11 @@ def test_a_log_of_an_earlier_version_replays(capsys):
     """Bit for bit where this processor has the log's instruction set, else within a tolerance."""
     assert main([str(LOG)]) == 0
     assert "98 ticks" in capsys.readouterr().out
+
+
+def test_requirements_of_logs_that_do_not_say_how_often_corrected_once():
+    chosen = next(item for item in read_log(LOG) if isinstance(item, LoggedObjectiveSet))
+    assert recorded_objectives(chosen, LOG).guidance.requirement_steps == 1
 
 
 def test_the_bundle_of_an_earlier_version_loads():

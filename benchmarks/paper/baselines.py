@@ -24,7 +24,7 @@ def descend(settings: Descent, action: Floats, guide: Guide, outlooks: Sequence[
     """Projected gradient descent from actions (B, 2)."""
     moved, factors = action.copy(), np.array(guide.factors)
     for _ in range(settings.steps):
-        slopes = action_slopes(guide, outlooks, moved)
+        _, slopes = action_slopes(guide, outlooks, moved)
         away = moved - settings.rate * np.einsum("m,mbd->bd", factors, slopes) - action
         length = np.linalg.norm(away, axis=-1, keepdims=True)
         moved = action + away * np.minimum(1.0, settings.radius / np.maximum(length, settings.radius))
@@ -36,5 +36,5 @@ def shield(settings: Shield, action: Floats, guide: Guide, outlooks: Sequence[Ou
     moved = action.copy()
     for _ in range(settings.rounds):
         for m in range(len(outlooks)):
-            moved -= action_slopes(guide, outlooks, moved)[m]
+            moved -= action_slopes(guide, outlooks, moved)[1][m]
     return moved

@@ -10,40 +10,30 @@ The last line is sampler ``euler``; ``exponential`` needs fewer steps, see `edge
 
 Taken literally, eq. 15 forbids braking: once guidance has moved the action, the flow pulls it back, so what
 brakes opposes v and is removed. Mode ``terminal`` keeps the paper's projections while the action is still
-being generated and, at tau = 1, where no flow is left to protect, moves the finished action twice more,
-
-    a <- argmin sum_m lambda_m J_m over the ball of radius ``reach`` around a, approximately,   preferences
-    a <- a + cone(1, -grad J(a))                                                                requirements
-
-in Newton steps for costs in squared action units, whatever eta and however contracted the flow.
-Preferences (formations, clusters) are wishes: they move the action by ``reach`` at most, and robots that
-carry or explore can go on. Requirements (speed, distance, fences) have the last word, and no limit.
-Mode ``correction`` does nothing but this: the flow goes its own way, and needs no Jacobian.
+being generated and, at tau = 1, where no flow is left to protect, corrects the finished action, see
+`edge_runtime.guidance.correction`. Mode ``correction`` does nothing but this: the flow goes its own way, and
+needs no Jacobian.
 
 `export.evaluation.guidance` does the same for B robots, `edge_runtime.guidance.native_flow` in the kernel.
 """
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from msgspec.structs import replace
 
 from edge_runtime.common.arrays import Array
 from edge_runtime.common.vectors import descent, dot, plus
+from edge_runtime.guidance.correction import corrected
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
-from edge_runtime.guidance.projection import COMBINE, cone, harmonize, project_onto_nominal, weighted_sum
-from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS
+from edge_runtime.guidance.projection import COMBINE, harmonize, project_onto_nominal, weighted_sum
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope
 from edge_runtime.messages import GuidedAction, TeamState, Vector
 from edge_runtime.motion.outlook import Outlook
 from edge_runtime.objectives import Objective
 from edge_runtime.policy.velocity_field import VelocityField
-
-TINY = 1e-300
-"""Keeps a length of zero from dividing."""
 
 
 def guided_action(
@@ -85,7 +75,7 @@ def guided_action(
         return _usable(native_flow(policy.sampler, team, obstacles, guide, start, deadline_s, most_steps))
     outlooks = [guide.outlook(place, team, obstacles) for place in range(len(guide.objectives))]
     sampled = _usable(_flow(policy, outlooks, guide, start, deadline_s, most_steps))
-    return _usable(_corrected(sampled, outlooks, guide)) if guide.corrected and not sampled.fault else sampled
+    return _usable(corrected(sampled, outlooks, guide)) if guide.corrected and not sampled.fault else sampled
 
 
 def _flow(
@@ -193,51 +183,6 @@ def _combined(
         guidance = COMBINE[guide.projection](directions, factors, nominal)
         tally.projections += guide.projection == "cone" and guidance != weighted_sum(directions, factors)
     return guidance
-
-
-def _corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
-    """Move a finished action at tau = 1: as preferences wish, then as is required."""
-    costs = [0.0] * len(outlooks)
-
-    def descents(members: Sequence[int], action: Vector) -> list[Vector]:
-        found = []
-        for m in members:
-            costs[m], gradient = action_slope(guide.objectives[m], outlooks[m], action)
-            found.append(tuple([-g for g in gradient]))
-        return found
-
-    action, rest = sampled.action, (0.0,) * len(sampled.action)
-    try:
-        if guide.preferences:
-            action = _preferred(action, guide, descents)
-        if guide.requirements:
-            required = descents(guide.requirements, action)
-            action = plus(action, 1.0, cone(required, (1.0,) * len(required), rest))  # a Newton step
-    except ObjectiveError as error:
-        return GuidedAction(
-            sampled.action,
-            sampled.steps,
-            fault=str(error),
-            correction=rest,
-            cut=sampled.cut,
-            objective_failed=True,
-        )
-    moved = plus(action, -1.0, sampled.action)
-    return replace(sampled, action=action, costs=tuple(costs), correction=moved)
-
-
-def _preferred(
-    sampled: Vector, guide: Guide, descents: Callable[[Sequence[int], Vector], list[Vector]]
-) -> Vector:
-    """Steps of the weighted sum of all preferences, each back into the ball of radius ``reach``."""
-    weights = [guide.objectives[m].weight for m in guide.preferences]
-    action = sampled
-    for _ in range(PREFERENCE_STEPS):
-        step = weighted_sum(descents(guide.preferences, action), weights)
-        move = plus(plus(action, PREFERENCE_RATE, step), -1.0, sampled)
-        kept = min(1.0, guide.asked.guidance.reach / max(math.hypot(*move), TINY))
-        action = plus(sampled, kept, move)
-    return action
 
 
 def _usable(sampled: GuidedAction) -> GuidedAction:

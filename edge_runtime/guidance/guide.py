@@ -126,7 +126,16 @@ def make_guide(
         # A subclass may cost something else: what its parent states does not count.
         sees_team=tuple(vars(type(each)).get("sees_team", True) for each in active),
         factors=tuple(settings.scale * objective.weight for objective in active),
-        steering=Steering(projection, steers, terms, model.dims, rounds, PREFERENCE_RATE, settings.reach),
+        steering=Steering(
+            projection,
+            steers,
+            terms,
+            model.dims,
+            rounds,
+            PREFERENCE_RATE,
+            settings.reach,
+            settings.requirement_steps,
+        ),
         tracked=tracked,
         projection=projection,
         steers=steers,

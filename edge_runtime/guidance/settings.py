@@ -18,6 +18,9 @@ PREFERENCE_RATE: Final = 0.5
 """Preferences correct a finished action by so many steps of this share of a Newton step each: several
 preferences settle on a compromise, where one step of each would overshoot."""
 
+MOST_STEPS: Final = 100
+"""Of a correction: more would only take time."""
+
 Mode = Literal["none", "hierarchical", "cone", "terminal", "correction"]
 """``terminal`` is ``hierarchical`` with the correction at tau = 1, ``correction`` that correction of a flow
 that is left alone; the others name their projection."""
@@ -37,6 +40,9 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     reach: float = 0.5
     """How far preferences (formations, clusters) may move the finished action, in units of the action;
     requirements move it as far as it takes. Modes ``terminal`` and ``correction`` only."""
+    requirement_steps: int = 5
+    """In so many Newton steps at most requirements move it: one alone takes one, those that bind at once two
+    or three. Modes ``terminal`` and ``correction`` only."""
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
     ease_m: float = 0.0
@@ -50,7 +56,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             value = getattr(self, field)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"`{field}` must be finite and not negative, got {value}")
-        check_bounds(self, dict.fromkeys(numbers, (0.0, GREATEST)))
+        check_bounds(self, {**dict.fromkeys(numbers, (0.0, GREATEST)), "requirement_steps": (1, MOST_STEPS)})
 
 
 class ObjectiveSet(msgspec.Struct, frozen=True):

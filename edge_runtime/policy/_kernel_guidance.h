@@ -1,5 +1,5 @@
-/* The guided flow of robots: guidance/flow.py in C, for the same numbers. What each step means is explained
- * there. */
+/* The guided flow of robots: guidance/flow.py and correction.py in C, for the same numbers. What each step means
+ * is explained there. */
 #ifndef KERNEL_GUIDANCE_H
 #define KERNEL_GUIDANCE_H
 
@@ -8,7 +8,11 @@
 #include "_kernel_network.h"
 #include "_kernel_projection.h"
 
-#define TINY 1e-300 /* keeps a length of zero from dividing */
+/* Of guidance/correction.py, where each is explained. */
+#define TINY 1e-300
+#define KEPT 1e-18
+#define LESS (1.0 - 1e-9)
+#define SHARPEST 0.01
 
 /* One robot's action on its way along the flow, and what happened to it. */
 typedef struct {
@@ -170,9 +174,10 @@ INLINE void flow(const int d, Network *net, const Flight *flight, double left_s,
     }
 }
 
-/* Descent directions of preferences, or of requirements; their number, or -1 at a fault. */
+/* Costs and descent directions of preferences, or of requirements, and their places; their number, or -1 at a
+ * fault. */
 INLINE int descents(const int d, const Flight *flight, const Term *terms, bool preference,
-                    const Vector *action, Sample *sample, Vector *directions, double *weights)
+                    const Vector *action, Sample *sample, Vector *directions, int *places)
 {
     int found = 0;
     for (int m = 0; m < flight->steering->count; m++) {
@@ -181,42 +186,101 @@ INLINE int descents(const int d, const Flight *flight, const Term *terms, bool p
             continue;
         if (!evaluate(d, flight, &terms[m], m, action, sample, &gradient))
             return -1;
-        weights[found] = preference ? terms[m].weight : 1.0;
+        places[found] = m;
         directions[found++] = negative(d, &gradient);
     }
     return found;
 }
 
-/* Moves a finished action at tau = 1: as preferences wish, then as is required. */
-INLINE void correct(const int d, const Flight *flight, const Term *terms, Sample *sample)
+/* Moves an action as preferences wish; false at a fault. */
+INLINE bool prefer(const int d, const Flight *flight, const Term *terms, Sample *sample, Vector *action)
 {
     const Steering *steering = flight->steering;
-    const Vector finished = sample->action;
-    Vector directions[MAX_TERMS], action = finished, move;
+    const Vector finished = *action;
+    Vector directions[MAX_TERMS], move;
     double weights[MAX_TERMS];
-    int count = 1;
+    int places[MAX_TERMS], count = 1;
     bool opposed;
     for (int round = 0; round < steering->rounds && count > 0; round++) {
-        count = descents(d, flight, terms, true, &action, sample, directions, weights);
-        if (count < 0)
-            return;
+        count = descents(d, flight, terms, true, action, sample, directions, places);
+        for (int n = 0; n < count; n++)
+            weights[n] = terms[places[n]].weight;
         if (count > 0) {
             combine(d, NONE, directions, weights, count, NULL, &move, &opposed);
-            move = add_scaled(d, &action, steering->rate, &move);
+            move = add_scaled(d, action, steering->rate, &move);
             move = add_scaled(d, &move, -1.0, &finished);
             const double kept = fmin(1.0, steering->reach / fmax(length_of(d, &move), TINY));
-            action = add_scaled(d, &finished, kept, &move);
+            *action = add_scaled(d, &finished, kept, &move);
         }
     }
-    count = descents(d, flight, terms, false, &action, sample, directions, weights);
-    if (count < 0)
-        return;
-    if (count > 0) {
-        combine(d, CONE, directions, weights, count, NULL, &move, &opposed);
-        action = add_scaled(d, &action, 1.0, &move);
+    return count >= 0;
+}
+
+/* A Newton step: along the boundary that the last one led to if it opposes that, as far as keeps both. */
+INLINE Vector newton_step(const int d, Vector direction, const Vector *last)
+{
+    const double opposing = dot(d, &direction, last), last_square = dot(d, last, last);
+    if (!(opposing < 0.0 && last_square > 0.0))
+        return direction;
+    const Vector along = add_scaled(d, &direction, -opposing / last_square, last);
+    const double square = dot(d, &direction, &direction), free = dot(d, &along, &along);
+    const Vector nothing = {{0.0}};
+    return free > SHARPEST * square ? add_scaled(d, &nothing, square / free, &along) : direction;
+}
+
+/* Moves an action as is required; false at a fault. The sample keeps the costs from before. */
+INLINE bool require(const int d, const Flight *flight, const Term *terms, Sample *sample, Vector *action)
+{
+    Vector directions[MAX_TERMS], step, last = {{0.0}};
+    double ones[MAX_TERMS], first[MAX_TERMS], least = INFINITY;
+    int places[MAX_TERMS];
+    bool violated = false, opposed;
+    const int count = descents(d, flight, terms, false, action, sample, directions, places);
+    if (count <= 0)
+        return count == 0;
+    for (int n = 0; n < count; n++) {
+        ones[n] = 1.0;
+        violated = violated || sample->costs[places[n]] != 0.0;
     }
+    memcpy(first, sample->costs, sizeof first);
+    combine(d, CONE, directions, ones, count, NULL, &step, &opposed);
+    Vector at = *action = add_scaled(d, action, 1.0, &step);
+    for (int round = 0, place = -1; violated && round < flight->steering->steps; round++) {
+        if (descents(d, flight, terms, false, &at, sample, directions, places) < 0)
+            return false;
+        double total = 0.0, most = 0.0;
+        int worst = -1;
+        for (int n = 0; n < count; n++) {
+            const double cost = sample->costs[places[n]];
+            total += cost;
+            if (cost > KEPT && (worst < 0 || worst == place || (n != place && cost > most))) {
+                worst = n;
+                most = cost;
+            }
+        }
+        if (total < LESS * least) {
+            least = total;
+            *action = at;
+        }
+        if (worst < 0)
+            break;
+        step = newton_step(d, directions[worst], &last);
+        at = add_scaled(d, &at, 1.0, &step);
+        last = directions[worst];
+        place = worst;
+    }
+    memcpy(sample->costs, first, sizeof first);
+    return true;
+}
+
+/* Moves a finished action at tau = 1: guidance/correction.py. */
+INLINE void correct(const int d, const Flight *flight, const Term *terms, Sample *sample)
+{
+    Vector action = sample->action;
+    if (!prefer(d, flight, terms, sample, &action) || !require(d, flight, terms, sample, &action))
+        return;
+    sample->correction = add_scaled(d, &action, -1.0, &sample->action);
     sample->action = action;
-    sample->correction = add_scaled(d, &action, -1.0, &finished);
 }
 
 INLINE void sample_sized(const int d, Network *net, const Flight *flight, double left_s, int most_steps)

@@ -51,6 +51,8 @@ class Steering(NamedTuple):
     """The share of a Newton step that each of these rounds takes."""
     reach: float
     """How far preferences move the finished action at most."""
+    steps: int
+    """In which requirements correct it after them at most."""
 
 
 class Sight(NamedTuple):

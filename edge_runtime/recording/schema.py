@@ -25,10 +25,11 @@ from edge_runtime.policy.adaptation import Adaptation
 from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.schema import MAX_STEPS
 
-LOG_FORMAT: Final = "cfpg-log/4"
-READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", LOG_FORMAT)
+LOG_FORMAT: Final = "cfpg-log/5"
+READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", "cfpg-log/4", LOG_FORMAT)
 """Logs of format 2 lack yaw rates and tracked objects: nobody's turned, and there were none. Those before
-format 4 lack the sampler: it was Euler's; and policies saw teammates where they were."""
+format 4 lack the sampler: it was Euler's; and policies saw teammates where they were. Those before format 5
+lack the steps of requirements: it was one."""
 LATEST_S: Final = 1e11
 """No clock of a robot says more: that is 3,000 years."""
 
@@ -217,6 +218,8 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     objectives: tuple[LoggedObjective, ...]
     ease_m: float = 0.0
     """How much farther away than they are the policy saw teammates, as asked for."""
+    requirement_steps: Integer = 1
+    """In which requirements moved a finished action at most."""
     bundle: BundleIdentity | None = None
     """The policy from here on, if it was handed over under way; None for the one of the start."""
 

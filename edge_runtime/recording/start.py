@@ -63,6 +63,7 @@ def logged_set(guide: Guide, bundle: BundleIdentity | None = None) -> LoggedObje
         reach=guidance.reach,
         start_noise=guide.start_noise,
         ease_m=guidance.ease_m,
+        requirement_steps=guidance.requirement_steps,
         objectives=tuple(_objective(objective, active=id(objective) in active) for objective in wanted),
         bundle=bundle,
     )

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
-from edge_runtime.guidance.flow import TINY
+from edge_runtime.guidance.correction import KEPT, LESS, SHARPEST, TINY
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS
 from edge_runtime.policy.velocity_field import PYTHON, Sight, Steering, VelocityField
@@ -50,7 +50,7 @@ def guided_actions(
             result = policy.step(k, action).astype(np.float64)
             velocity, tangents, left = result[0], result[1:], 1.0 - step.tau
             estimate = action + left * velocity
-            gradients = action_slopes(guide, outlooks, estimate)
+            _, gradients = action_slopes(guide, outlooks, estimate)
             gradients = -(gradients + left * np.einsum("jbi,mbi->mbj", tangents, gradients))
             guidance = combine(gradients, factors, velocity)
         before, network = network, step.network(action, velocity)
@@ -58,8 +58,7 @@ def guided_actions(
     if guide.preferences:
         action = _preferred(action, outlooks, guide)
     if guide.requirements:
-        descent = -action_slopes(guide, outlooks, action)[list(guide.requirements)]
-        action += cone_batch(descent, np.ones(len(descent)), np.zeros_like(action))
+        action = _required(action, outlooks, guide)
     return action
 
 
@@ -91,18 +90,52 @@ def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) 
     )
     action = sampled
     for _ in range(PREFERENCE_STEPS):
-        slopes = action_slopes(guide, outlooks, action)[members]
-        move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes) - sampled
+        _, slopes = action_slopes(guide, outlooks, action)
+        move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes[members]) - sampled
         length = np.linalg.norm(move, axis=-1, keepdims=True)
         action = sampled + move * np.minimum(1.0, guide.asked.guidance.reach / np.maximum(length, TINY))
     return action
 
 
-def action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> Floats:
-    """dJ_m/da (M, B, d) of B actions, through the motion model."""
-    gradients = np.zeros((len(outlooks), *action.shape))
+def _required(action: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) -> Floats:
+    """Move actions (B, d) as is required."""
+    members, rows = list(guide.requirements), np.arange(len(action))
+    _, slopes = action_slopes(guide, outlooks, action)
+    last = np.zeros_like(action)
+    best = action = action + cone_batch(-slopes[members], np.ones(len(members)), last)
+    least, place = np.full(len(action), np.inf), np.full(len(action), -1)
+    for _ in range(guide.asked.guidance.requirement_steps):
+        costs, slopes = (values[members] for values in action_slopes(guide, outlooks, action))
+        total = costs.sum(0)
+        better = ~(total >= LESS * least)  # so that what is not finite stays so
+        best, least = np.where(better[:, None], action, best), np.where(better, total, least)
+        violated = costs > KEPT
+        others = violated & (np.arange(len(members))[:, None] != place)
+        place = np.where(np.where(others.any(0), others, violated), costs, -1.0).argmax(0)
+        direction = np.where(violated.any(0)[:, None], -slopes[place, rows], 0.0)
+        action, last = action + _steps(direction, last), direction
+    return np.where(np.isfinite(least)[:, None], best, np.nan)
+
+
+def _steps(direction: Floats, last: Floats) -> Floats:
+    """Newton steps (B, d): along the boundary that the last one led to where they oppose that."""
+    opposing, last_square, square = (
+        (a * b).sum(-1, keepdims=True) for a, b in ((direction, last), (last, last), (direction, direction))
+    )
+    opposes = (opposing < 0.0) & (last_square > 0.0)
+    share = np.divide(opposing, last_square, out=np.zeros_like(opposing), where=opposes)
+    along = direction - share * last
+    free = np.square(along).sum(-1, keepdims=True)
+    corner = opposes & (free > SHARPEST * square)
+    stretch = np.divide(square, free, out=np.ones_like(free), where=corner)
+    return np.where(corner, stretch * along, direction)
+
+
+def action_slopes(guide: Guide, outlooks: Sequence[OutlookBatch], action: Floats) -> tuple[Floats, Floats]:
+    """J_m (M, B) and dJ_m/da (M, B, d) of B actions, through the motion model."""
+    costs, gradients = np.zeros((len(outlooks), len(action))), np.zeros((len(outlooks), *action.shape))
     for m, (objective, outlook) in enumerate(zip(guide.objectives, outlooks, strict=True)):
         motion, jacobian = outlook.at(action)
         slope = evaluate_batch(objective, motion, outlook)
-        gradients[m] = (jacobian @ slope.d_motion[..., None])[..., 0]
-    return gradients
+        costs[m], gradients[m] = slope.cost, (jacobian @ slope.d_motion[..., None])[..., 0]
+    return costs, gradients

@@ -134,7 +134,7 @@ def guided_action(
         weighted = [(costs[m], lambdas[m]) for m in wishes]
         action = preferred(weighted, action, reach) if weighted else action
         musts = [cost for m, cost in enumerate(costs) if m not in wishes]
-        action = action + required(musts, action) if musts else action
+        action = required(musts, action) if musts else action
     return action.detach().numpy()
 
 
@@ -178,7 +178,26 @@ def preferred(weighted_costs, finished, reach):
 
 
 def required(costs, action):
-    """The cone projection's step at the action that is preferred."""
+    """The best of five: the cone's step, then the most violated cost's, in the corner of two."""
     action = action.detach().requires_grad_(True)
-    gradients = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
-    return combine("cone", gradients, [1.0] * len(costs), torch.zeros_like(action))
+    downhill = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
+    action = action.detach() + combine("cone", downhill, [1.0] * len(costs), torch.zeros_like(action))
+    tried, last, place = [], None, None
+    for _ in range(5):
+        action = action.detach().requires_grad_(True)
+        values = [cost(action) for cost in costs]
+        tried.append((sum(value.item() for value in values), action.detach()))
+        violated = [n for n, value in enumerate(values) if value.item() > 1e-18]
+        if not violated:
+            break
+        place = max([n for n in violated if n != place] or violated, key=lambda n: values[n].item())
+        downhill = -torch.autograd.grad(values[place], action)[0]
+        step = downhill
+        if last is not None and torch.dot(downhill, last) < 0.0:
+            # The point at which both linear parts are met, in the plane of the two.
+            plane = torch.stack([downhill, last])
+            if torch.linalg.det(plane @ plane.T) > 0.01 * downhill.dot(downhill) * last.dot(last):
+                met = torch.stack([downhill.dot(downhill), torch.zeros((), dtype=torch.float64)])
+                step = torch.linalg.lstsq(plane, met[:, None], driver="gelsd").solution[:, 0]
+        action, last = action.detach() + step, downhill
+    return min(tried, key=lambda each: each[0])[1]

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from benchmarks.paper.settings import Descent, Guided, Settings
 from benchmarks.paper.tasks import Task
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin
 
 VANISHING = 1e-9
@@ -15,6 +16,7 @@ VANISHING = 1e-9
 UNLIMITED = 1e3
 """A reach that no action can use up."""
 EASES_CM = (5, 10, 15)
+STEPS = GuidanceSettings().requirement_steps
 LOSSES = (0.2, 0.5, 0.8)
 
 
@@ -41,6 +43,9 @@ def variants(task: Task, tuned: Guided, descent: Descent) -> Iterator[Variant]:
         "reference", "The tuned default, which every other row changes in one point.", "CFPG", tuned
     )
     yield from _guidance(tuned)
+    several = replace(tuned.guidance, requirement_steps=STEPS)
+    reason = "Requirements corrected in so many steps at most, as is usual; the reference takes one."
+    yield _changed(f"{STEPS} steps", reason, tuned, guidance=several)
     if task.deconfliction:
         yield from _deconfliction(tuned, descent)
     if any(isinstance(objective, SafetyMargin) for objective in task.objectives):
@@ -84,6 +89,8 @@ def _ease(tuned: Guided) -> Iterator[Variant]:
         eased = replace(tuned.guidance, ease_m=centimetres / 100.0)
         reason = "The policy sees teammates so much farther away: the distance is the margin's alone."
         yield _changed(f"ease {centimetres} cm", reason, tuned, guidance=eased)
+    both = replace(tuned.guidance, ease_m=0.1, requirement_steps=STEPS)
+    yield _changed(f"ease 10 cm, {STEPS} steps", "Both, as the built-in teams have it.", tuned, guidance=both)
 
 
 def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:

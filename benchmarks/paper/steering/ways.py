@@ -1,5 +1,7 @@
 """Ways to follow objectives: along the flow, after it, or both."""
 
+from msgspec.structs import replace
+
 from benchmarks.paper.settings import Guided
 from edge_runtime.guidance.settings import GuidanceSettings, Mode
 
@@ -30,4 +32,6 @@ def ways(noise: float) -> dict[str, list[Guided]]:
         name: [_way(mode, scale, noise, **changes) for scale in SCALES]
         for name, (mode, changes) in along.items()
     }
-    return {"corrected only": [_way("correction", SCALES[0], noise)], **steered}
+    corrected = _way("correction", SCALES[0], noise)
+    once = replace(corrected, guidance=replace(corrected.guidance, requirement_steps=1))
+    return {"corrected only": [corrected], "corrected in one step": [once], **steered}

@@ -276,6 +276,12 @@ def test_bad_settings_are_refused(wrong):
         GuidanceSettings(**wrong)
 
 
+@pytest.mark.parametrize("steps", [0, -1, 101])
+def test_requirements_take_one_step_or_some_more(steps):
+    with pytest.raises(ValueError, match=r"`requirement_steps` must lie in \[1, 100\], got "):
+        GuidanceSettings(requirement_steps=steps)
+
+
 def head_on(mode, *objectives):
     """A robot that drives east at 0.5 m/s towards a teammate 0.2 m ahead, its flow at rest."""
     mate = Teammate(RobotState(1, 0.0, (0.2, 0.0), (0.0, 0.0)))

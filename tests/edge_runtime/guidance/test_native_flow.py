@@ -59,7 +59,11 @@ BUILDERS = {
 }
 objectives = st.lists(st.one_of(*BUILDERS.values()), max_size=6)
 guidance = st.builds(
-    GuidanceSettings, mode=st.sampled_from(get_args(Mode)), scale=st.floats(0.01, 1.0), reach=number
+    GuidanceSettings,
+    mode=st.sampled_from(get_args(Mode)),
+    scale=st.floats(0.01, 1.0),
+    reach=number,
+    requirement_steps=st.integers(1, 6),
 )
 POLICIES = {
     d: CompiledPolicy(random_weights(seed=d, action_dim=d), STEPS)

@@ -161,9 +161,9 @@ def test_a_velocity_that_is_not_finite_is_no_objectives_fault(make_compiled, ste
     assert (found.action, found.fault) == ((0.0, 0.0), "the policy's velocity is not finite")
 
 
-def program(count, dims=2.0, rounds=-1.0):
+def program(count, dims=2.0, rounds=-1.0, steps=5.0):
     """The head that so many terms follow."""
-    return [0.0, 1.0, float(count), dims, rounds, 0.5, 0.5]
+    return [0.0, 1.0, float(count), dims, rounds, 0.5, 0.5, steps]
 
 
 NO_TERMS, PYTHON_TERM = program(0), [9.0, 1.0, 1.0, 0.0, 0.1, 0.0, 0.0]
@@ -189,7 +189,7 @@ def batch(net, program=NO_TERMS, actions=None):
         (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
         (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
         (lambda net: sample(net, program=[9.0, *NO_TERMS[1:]]), ValueError),
-        (lambda net: sample(net, program=NO_TERMS[:6]), ValueError),
+        (lambda net: sample(net, program=NO_TERMS[:7]), ValueError),
         (lambda net: sample(net, program=np.array(NO_TERMS, "f")), ValueError),
         (lambda net: sample(net, sight=(1, 0, 0)), ValueError),
         (lambda net: sample(net, sight=(-1, 0, 0)), ValueError),
@@ -258,7 +258,11 @@ def test_the_kernel_refuses_terms_that_do_not_hold_what_they_say(make_compiled, 
 
 @pytest.mark.parametrize(
     "head",
-    [*(program(count) for count in (*HOSTILE, 33.0)), *(program(0, dims) for dims in (*HOSTILE, 1.0, 4.0))],
+    [
+        *(program(count) for count in (*HOSTILE, 33.0)),
+        *(program(0, dims) for dims in (*HOSTILE, 1.0, 4.0)),
+        *(program(0, steps=steps) for steps in (*HOSTILE, 0.0, 1001.0)),
+    ],
 )
 def test_the_kernel_refuses_a_head_that_says_nothing(make_compiled, head):
     with pytest.raises(ValueError, match="no head"):

@@ -112,7 +112,7 @@ def test_many_robots_at_once_are_told_what_each_is(objective, name):
     guide = guide_for([objective], model)
     outlook = look_ahead_batch(as_batch(teams), guide.previews[0], guide.horizons_s[0])
     cost = evaluate_batch(objective, outlook.at(action)[0], outlook).cost
-    (gradients,) = action_slopes(guide, [outlook], action)
+    _, (gradients,) = action_slopes(guide, [outlook], action)
     for row, team in enumerate(teams):
         ahead = look_ahead(team, guide.previews[0], horizon_s=guide.horizons_s[0])
         alone = action_slope(objective, ahead, action[row].tolist())

@@ -29,6 +29,7 @@ weight = 2.0
 mode = "terminal"
 scale = 10.0
 reach = 0.5
+requirement_steps = 5
 start_noise = 1.0
 """
 FAULTS = """

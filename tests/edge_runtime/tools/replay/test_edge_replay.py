@@ -250,6 +250,24 @@ def test_how_far_preferences_reached_is_recorded_and_repeated(tmp_path, monkeypa
     assert main([str(path), "--own", "wish_east:WishEast"]) == 0
 
 
+def test_in_how_many_steps_requirements_corrected_is_recorded_and_repeated(tmp_path, capsys):
+    """A speed limit and a margin that nobody can keep both, so that more steps make another action."""
+    objectives = tmp_path / "both.toml"
+    objectives.write_text(
+        '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.1\n'
+        '[[objectives]]\ntype = "safety_margin"\ndistance_m = 1.6\n'
+        "[guidance]\nrequirement_steps = 3\n"
+    )
+    (path,) = record(tmp_path / "logs", "--objectives", str(objectives))
+    assert main([str(path)]) == 0
+    records = [
+        replace(item, requirement_steps=1) if isinstance(item, LoggedObjectiveSet) else item
+        for item in read_log(path)
+    ]
+    assert main([str(write(tmp_path / "fewer.mcap", records))]) == 1
+    assert "stage action: action[" in capsys.readouterr().out
+
+
 def test_unguided_runs_are_repeated(tmp_path):
     (path,) = record(tmp_path, "--no-guidance")
     assert {tick.action.costs for tick in ticks(path)} == {()}
