@@ -9,6 +9,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.messages import RobotState
 from firmware_bridge.guard.core import MOST_COMPLAINTS, Guard, check_firmware_timeout, limit_fault
 from firmware_bridge.guard.link import Condition, Setpoint, SetpointLimits
+from firmware_bridge.guard.speeding import Speeding
 from firmware_bridge.guard.wire import Complaint, Counts, Event, Phase, encode_command, encode_stop
 
 LIMITS = SetpointLimits(1.0, (-2.0, -2.0), (2.0, 2.0))
@@ -527,3 +528,18 @@ class TestMeasuredSpeed:
         rig.link.newest = self.going(3.0)
         rig.run(2.0)
         assert rig.guard.phase is Phase.WATCHING
+
+
+def test_a_robot_may_overshoot_a_little_for_long_and_much_for_half_a_second():
+    def fault(speed_m_s, now_s):
+        state = RobotState(0, now_s, (0.0, 0.0), (0.0, speed_m_s))
+        return speeding.fault(state, now_s)
+
+    speeding = Speeding(0.5)
+    assert fault(2.0, 0.0) == fault(0.67, 0.5) == fault(0.67, 9.0) == fault(0.68, 9.5) == ""
+    assert fault(0.68, 9.6) == "the robot goes at 0.68 m/s, over the limit of 0.5 m/s"
+
+
+def test_a_robot_that_tells_no_speed_is_not_too_fast():
+    speeding = Speeding(0.5)
+    assert speeding.fault(None, 0.0) == speeding.fault(None, 9.0) == ""

@@ -182,6 +182,33 @@ def test_a_stop_without_an_end_is_given_up(monkeypatch):
     assert stop_anyhow(link) == "stop sequence not done after 0.05 s"
 
 
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_stop_hears_what_the_robot_answers_meanwhile(answers):
+    link, heard, begin_s = BrokenLink(), [], time.monotonic()
+    link.receive = heard.append
+    if answers:
+        link.bus.send(b"x")
+    assert stop_anyhow(link) == ""
+    assert bool(heard) == answers
+    assert all(begin_s <= now_s <= time.monotonic() for now_s in heard)
+
+
+def test_the_place_is_the_innermost_line():
+    def outer():
+        middle()
+
+    def middle():
+        inner()
+
+    def inner():
+        raise KeyError
+
+    with pytest.raises(KeyError) as caught:
+        outer()
+    line = inner.__code__.co_firstlineno + 1
+    assert describe(caught.value) == f"the guard failed, KeyError in test_last_resort.py, line {line}"
+
+
 def test_an_exception_that_was_never_raised_has_no_place():
     assert describe(KeyError()) == "the guard failed, KeyError in an unknown place"
 
