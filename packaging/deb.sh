@@ -44,5 +44,15 @@ package() {  # package ARCHITECTURE PROCESSOR
     cmp "$work/again.deb" "$out/cfpg-edge_${version}_$1.deb"
 }
 
+drive() {  # drive PYTHON: what postinst does on a robot, without a network, and a second of a run
+    env=$work/deb-env
+    rm -rf "$env"
+    "$1" -m venv "$env"
+    "$env/bin/pip" install --isolated --quiet --no-index --find-links "$work/deb-amd64/usr/lib/cfpg-edge/wheels" \
+        "cfpg-edge==$version"
+    (cd "$work" && "$env/bin/edge-run" --robot-id 0 --duration 1 --no-log --backend compiled)
+}
+
 package amd64 x86_64
 package arm64 aarch64
+for python in "$work"/env-3.*/bin/python; do drive "$python"; done
