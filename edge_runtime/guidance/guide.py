@@ -118,6 +118,8 @@ def make_guide(
         for each, preview, horizon_s in zip(active, previews, horizons_s, strict=True)
     )
     rounds = PREFERENCE_STEPS if corrected else -1
+    # What a step linearises away adds up: who steers by turning comes nearer to the others with each.
+    steps = settings.requirement_steps if all(map(in_numbers, previews)) else 1
     return Guide(
         asked=asked,
         objectives=active,
@@ -134,7 +136,7 @@ def make_guide(
             rounds,
             PREFERENCE_RATE,
             settings.reach,
-            settings.requirement_steps,
+            steps,
         ),
         tracked=tracked,
         projection=projection,

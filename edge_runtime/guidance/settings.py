@@ -42,7 +42,7 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     requirements move it as far as it takes. Modes ``terminal`` and ``correction`` only."""
     requirement_steps: int = 5
     """In so many Newton steps at most requirements move it: one alone takes one, those that bind at once two
-    or three. Modes ``terminal`` and ``correction`` only."""
+    or three. Where the motion model is not linear, it is one. Modes ``terminal`` and ``correction`` only."""
     start_noise: float = 1.0
     """Deviation of the Gaussian that the flow starts from: 1 is the paper's prior, 0 its mean."""
     ease_m: float = 0.0

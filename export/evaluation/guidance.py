@@ -104,7 +104,7 @@ def _required(action: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) ->
     last = np.zeros_like(action)
     best = action = action + cone_batch(-slopes[members], np.ones(len(members)), last)
     least, place = np.full(len(action), np.inf), np.full(len(action), -1)
-    for _ in range(guide.asked.guidance.requirement_steps):
+    for _ in range(guide.steering.steps):
         costs, slopes = (values[members] for values in action_slopes(guide, outlooks, action))
         total = costs.sum(0)
         better = ~(total >= LESS * least)  # so that what is not finite stays so

@@ -111,11 +111,23 @@ def nominal_projection(total, nominal):
 
 
 def guided_action(
-    weights, observation, costs, lambdas, eta, mode, start, steps, wishes=(), reach=0.0, sampler="euler"
+    weights,
+    observation,
+    costs,
+    lambdas,
+    eta,
+    mode,
+    start,
+    steps,
+    wishes=(),
+    reach=0.0,
+    sampler="euler",
+    most=5,
 ):
     """T steps of eq. 10; ``costs`` are differentiable functions of the terminal estimate.
 
-    ``wishes`` are the places of those costs that the correction at tau = 1 takes for preferences.
+    ``wishes`` are the places of those costs that the correction at tau = 1 takes for preferences, ``most``
+    the steps that it takes for the others.
     """
     action, past = torch.tensor(start, dtype=torch.float64), []
     for tau, end in flow_times(sampler, steps):
@@ -134,7 +146,7 @@ def guided_action(
         weighted = [(costs[m], lambdas[m]) for m in wishes]
         action = preferred(weighted, action, reach) if weighted else action
         musts = [cost for m, cost in enumerate(costs) if m not in wishes]
-        action = required(musts, action) if musts else action
+        action = required(musts, action, most) if musts else action
     return action.detach().numpy()
 
 
@@ -177,13 +189,13 @@ def preferred(weighted_costs, finished, reach):
     return action
 
 
-def required(costs, action):
-    """The best of five: the cone's step, then the most violated cost's, in the corner of two."""
+def required(costs, action, most):
+    """The best of so many: the cone's step, then the most violated cost's, in the corner of two."""
     action = action.detach().requires_grad_(True)
     downhill = [-torch.autograd.grad(cost(action), action)[0] for cost in costs]
     action = action.detach() + combine("cone", downhill, [1.0] * len(costs), torch.zeros_like(action))
     tried, last, place = [], None, None
-    for _ in range(5):
+    for _ in range(most):
         action = action.detach().requires_grad_(True)
         values = [cost(action) for cost in costs]
         tried.append((sum(value.item() for value in values), action.detach()))

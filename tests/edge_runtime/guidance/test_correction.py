@@ -8,6 +8,7 @@ import pytest
 from guidance_cases import DYNAMICS, UNIT, Quadratic, gaussian_flow, guide_for, random_team
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_models import EXAMPLES
 from networks import random_weights
 
 from edge_runtime.common.vectors import plus
@@ -132,6 +133,12 @@ def test_one_step_is_the_cones_whatever_comes_of_it(chosen):
         result = guided_action(policy, observation, team, guide)
         assert result.action == plus(sampled, 1.0, step)
         assert result.costs == tuple(cost for cost, _ in slopes)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_only_bases_whose_motion_is_linear_in_the_action_take_more_than_one(name):
+    guide = guide_for([SafetyMargin(distance_m=0.5)], EXAMPLES[name], requirement_steps=4)
+    assert guide.steering.steps == (1 if "unicycle" in name else 4)
 
 
 def test_one_requirement_alone_is_met_by_one_newton_step():

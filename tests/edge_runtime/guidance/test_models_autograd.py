@@ -55,6 +55,7 @@ def compared(model, cases, mode, backends):
             STEPS,
             wishes,
             0.3,
+            most=1 if isinstance(model, Unicycle) else 5,
         )
         for policy in policies:
             found = guided_action(policy, observation, team, guide, start)
