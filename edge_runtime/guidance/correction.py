@@ -93,7 +93,8 @@ def _required(action: Vector, guide: Guide, descents: Descents) -> tuple[Vector,
     first, directions = descents(guide.requirements, action)
     last, least, place = (0.0,) * len(action), math.inf, -1
     best = action = plus(action, 1.0, cone(directions, (1.0,) * len(directions), last))
-    for _ in range(guide.steering.steps if any(first) else 0):
+    steps = guide.steering.steps
+    for _ in range(steps if steps > 1 and any(first) else 0):
         costs, directions = descents(guide.requirements, action)
         total = sum(costs)
         if total < LESS * least:

@@ -242,10 +242,11 @@ INLINE bool require(const int d, const Flight *flight, const Term *terms, Sample
         ones[n] = 1.0;
         violated = violated || sample->costs[places[n]] != 0.0;
     }
+    const int rounds = violated && flight->steering->steps > 1 ? flight->steering->steps : 0;
     memcpy(first, sample->costs, sizeof first);
     combine(d, CONE, directions, ones, count, NULL, &step, &opposed);
     Vector at = *action = add_scaled(d, action, 1.0, &step);
-    for (int round = 0, place = -1; violated && round < flight->steering->steps; round++) {
+    for (int round = 0, place = -1; round < rounds; round++) {
         if (descents(d, flight, terms, false, &at, sample, directions, places) < 0)
             return false;
         double total = 0.0, most = 0.0;
