@@ -40,6 +40,8 @@ class TrainingSettings:
     validation_episodes: int = 512
     guided_episodes: int = 256
     """Of a validation, besides those: episodes that ask for execution objectives, too; 0: none."""
+    guided_from: float = 0.5
+    """Share of the frames before which no validation is guided: what is learned by then is not chosen."""
 
     @property
     def whole_frames(self) -> int:

@@ -33,7 +33,12 @@ class MafpoWarm(MafpoChain):
 
     name = "mafpo-warm"
     settings = TrainingSettings(
-        frames=400_000, learning_rate=3e-4, ratio_change=0.08, validation_every=8, moving_moments=False
+        frames=400_000,
+        learning_rate=3e-4,
+        ratio_change=0.08,
+        validation_every=8,
+        guided_from=0.0,
+        moving_moments=False,
     )
     clip = 0.2
     step_noise = 0.06

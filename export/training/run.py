@@ -96,7 +96,7 @@ class TrainingRun:
     def _validate(self) -> Validated:
         """Keep the policy if none before was better."""
         deployed = self.trainer.deployed
-        found = self._validation.run(deployed)
+        found = self._validation.run(deployed, self.trainer.progress)
         if found.score >= self.best_score:
             self.best_score = found.score
             facts = self._policy_facts()

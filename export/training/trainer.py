@@ -91,6 +91,11 @@ class Trainer:
         return self._rate * self._decay()
 
     @property
+    def progress(self) -> float:
+        """Share of the training that is done."""
+        return min(self.frames / self.settings.frames, 1.0)
+
+    @property
     def deployed(self) -> Algorithm:
         """The algorithm with the averaged weights (Polyak and Juditsky 1992): what validation drives."""
         deployed = copy.copy(self.algorithm)
@@ -227,8 +232,7 @@ class Trainer:
         return torch.stack([(ratio.detach() - 1).abs().mean(), value_loss.detach()])
 
     def _decay(self) -> float:
-        progress = min(self.frames / self.settings.frames, 1.0)
-        return 1.0 - (1.0 - self.settings.final_learning_rate) * progress
+        return 1.0 - (1.0 - self.settings.final_learning_rate) * self.progress
 
     def _set_learning_rates(self) -> None:
         actor, critic = self._optimizer.param_groups

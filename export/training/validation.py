@@ -23,9 +23,10 @@ class Validated:
 
     alone: EpisodeMetrics
     guided_success: float | None
-    """See `GuidedValidation`; None without, as for policies that observe what is asked of them instead."""
+    """See `GuidedValidation`; None without, as for policies that observe what is asked of them instead, or
+    where it is too early."""
     score: float
-    """What the best state is chosen by."""
+    """What the best state is chosen by; where it is too early, guided success counts as none."""
 
 
 class Validation:
@@ -46,18 +47,19 @@ class Validation:
         )
         self._beginning = self._scenario.state_dict()
         self._zero_start = torch.arange(self._scenario.environments, device=workers.device) % 2 == 0
+        self._guided_from = settings.guided_from
         self._guided: GuidedValidation | None = None
         if settings.guided_episodes and not preferred:
             self._guided = GuidedValidation(scenario, settings.guided_episodes, workers)
 
-    def run(self, algorithm: Algorithm) -> Validated:
-        """Play all workers' episodes."""
+    def run(self, algorithm: Algorithm, progress: float) -> Validated:
+        """Play all workers' episodes; ``progress`` is the share of the training that is done."""
         alone = self._alone(algorithm)
         score = self._scenario.score(alone)
         if self._guided is None:
             return Validated(alone, None, score)
-        guided = self._guided.run(algorithm)
-        return Validated(alone, guided, GUIDED_SHARE * guided + (1.0 - GUIDED_SHARE) * score)
+        guided = self._guided.run(algorithm) if progress >= self._guided_from else None
+        return Validated(alone, guided, GUIDED_SHARE * (guided or 0.0) + (1.0 - GUIDED_SHARE) * score)
 
     def _alone(self, algorithm: Algorithm) -> EpisodeMetrics:
         self._scenario.load_state_dict(self._beginning)

@@ -56,11 +56,15 @@ def test_workers_deal_the_groups_out_among_them():
 def test_the_score_is_of_guided_success_first(monkeypatch):
     settings = replace(SETTINGS, guided_episodes=EPISODES)
     monkeypatch.setattr(GuidedValidation, "run", lambda _self, _algorithm: 0.5)
-    found = Validation("navigation", settings, Workers(), preferred=False).run(Mappo(18, 2))
+    validation = Validation("navigation", settings, Workers(), preferred=False)
+    found = validation.run(Mappo(18, 2), 0.5)
     assert found.guided_success == 0.5
     assert 0.45 <= found.score <= 0.55
+    early = validation.run(Mappo(18, 2), 0.49)
+    assert early.guided_success is None
+    assert early.score <= 0.1
     told = Validation("navigation", settings, Workers(), preferred=True)
-    assert told.run(Mappo(21, 2)).guided_success is None
+    assert told.run(Mappo(21, 2), 1.0).guided_success is None
 
 
 def test_the_averaged_weights_are_what_is_kept(tmp_path):
