@@ -14,7 +14,6 @@ from edge_runtime.policy.manifest import Training
 from edge_runtime.policy.schema import MAX_STEPS
 from edge_runtime.policy.signature import LARGEST_VERSION
 from export.algorithms.derivatives import evaluate_torch
-from export.algorithms.networks import FlowNetwork
 from export.bundle.facts import Facts, read_facts
 from export.bundle.facts_template import facts_template
 from export.bundle.parity import SAMPLES, random_inputs
@@ -67,7 +66,6 @@ def export_run(run_dir: Path, target: Path, *, force: bool = False) -> float:
     """
     network, origin = load_policy(run_dir)
     facts, weights = _scenario_facts(origin), network.to_weights()
-    _check_shape(run_dir, network, facts)
     graph = with_jacobian(velocity_graph(weights))
     inputs = random_inputs(facts)
     expected = evaluate_torch(network, inputs)
@@ -191,15 +189,6 @@ def _scenario_fields(training: Training) -> tuple[ObservationField, ...]:
     if training.scenario not in SCENARIOS:
         return ()
     return scenario_facts(training.scenario, preferred=training.algorithm == "pc-mappo").observation
-
-
-def _check_shape(run_dir: Path, network: FlowNetwork, facts: Facts) -> None:
-    found, wanted = (network.observation_dim, network.action_dim), (facts.observation_dim, len(facts.action))
-    if found != wanted:
-        raise ConfigError(
-            f"{run_dir}: its policy takes {found[0]} numbers and returns {found[1]}, its scenario now has "
-            f"{wanted[0]} and {wanted[1]}: train it again"
-        )
 
 
 def make_parser() -> CommandParser:

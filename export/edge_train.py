@@ -24,7 +24,7 @@ NUMBER, COUNT = whole_number(0, 2**63 - 1), whole_number(1, 2**63 - 1)
 EPILOG = """\
 exit codes:
   0  trained to the last frame
-  1  a worker failed
+  1  a worker failed, or training came apart
   2  a flag, file or run does not hold together; one line says what
   130  interrupted; --resume continues
 

@@ -59,8 +59,26 @@ def check_manifest(manifest: Manifest, source: str) -> None:
     _check_action(rules, manifest)
     _check_observation(rules, manifest)
     _check_network(rules, manifest)
-    _check_training(rules, manifest.training)
+    if manifest.training is not None:
+        check_training(manifest.training, source)
     _check_files(rules, manifest)
+
+
+def check_training(training: Training, source: str) -> None:
+    """Refuse an origin that no manifest can state.
+
+    Args:
+        training: the decoded origin; its types are already right.
+        source: the file to name in errors.
+
+    Raises:
+        BundleError: names the key, what was found and what fits.
+    """
+    rules = _Rules(source)
+    for field in ("scenario", "algorithm", "commit"):
+        rules.name(f"training.{field}", getattr(training, field))
+    rules.require(training.frames >= 0, "training.frames", training.frames, "at least 0")
+    rules.between("training.score", training.score, 0, 1)
 
 
 class _Rules:
@@ -174,14 +192,6 @@ def _check_network(rules: _Rules, manifest: Manifest) -> None:
     rules.between("network.hidden: number of weights", weights, 1, MAX_WEIGHTS)
     if network.prior_std is not None:
         rules.positive("network.prior_std", network.prior_std)
-
-
-def _check_training(rules: _Rules, training: Training | None) -> None:
-    if training is not None:
-        for field in ("scenario", "algorithm", "commit"):
-            rules.name(f"training.{field}", getattr(training, field))
-        rules.require(training.frames >= 0, "training.frames", training.frames, "at least 0")
-        rules.between("training.score", training.score, 0, 1)
 
 
 def _check_files(rules: _Rules, manifest: Manifest) -> None:

@@ -94,13 +94,13 @@ def _read_arrays(content: bytes, source: str) -> dict[str, npt.NDArray[Any]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
-            _require_plain(members, len(content))
+            require_plain(members, len(content))
             return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
     except _UNREADABLE as error:
         raise BundleError(f"{source}: not a readable npz archive of plain arrays ({error})") from error
 
 
-def _require_plain(members: Sequence[zipfile.ZipInfo], size: int) -> None:
+def require_plain(members: Sequence[zipfile.ZipInfo], size: int) -> None:
     """Refuse what would unpack to more than the archive itself."""
     for member in members:
         if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & _ENCRYPTED:

@@ -10,7 +10,7 @@ from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import MANIFEST_FILE
 from export.algorithms.mafpo_warm import MafpoWarm
 from export.algorithms.mappo import Mappo
-from export.training.checkpoint import CHECKPOINT, load, taken_from
+from export.training.checkpoint import CHECKPOINT, load, read_identity
 from export.training.lock import wait_until_free
 
 FRAMES = {"navigation": 3_000_000, "balance": 5_000_000, "sampling": 4_000_000}
@@ -82,8 +82,7 @@ def check_budget(job: Job) -> None:
     """
     if not (path := job.directory / CHECKPOINT).exists():
         return
-    with taken_from(path, "run"):
-        frames = load(path)["identity"]["frames"]
+    frames = read_identity(path, load(path)).frames
     if frames != job.frames:
         raise ConfigError(
             f"{job.directory} was trained for {frames} frames, not {job.frames}: choose another --out"

@@ -2,36 +2,37 @@
 
 import csv
 import io
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from msgspec import Struct
+from msgspec.structs import asdict
 
+from edge_runtime.common.bounds import Finite
 from export.training.run_file import write_run_file
 
 mpl.use("Agg")
 
 
-@dataclass(frozen=True)
-class MetricsRow:
+class MetricsRow(Struct, frozen=True, forbid_unknown_fields=True):
     """One update; None where no episode ended, or where no validation was due."""
 
     frames: int
-    seconds: float
+    seconds: Finite
     """Wall-clock time of training so far, over all its resumed parts."""
-    ratio_change: float
-    value_loss: float
-    learning_rate: float
-    mean_return: float | None
-    success: float | None
-    failure: float | None
-    validation_return: float | None = None
-    validation_success: float | None = None
-    validation_failure: float | None = None
-    guided_success: float | None = None
+    ratio_change: Finite
+    value_loss: Finite
+    learning_rate: Finite
+    mean_return: Finite | None
+    success: Finite | None
+    failure: Finite | None
+    validation_return: Finite | None = None
+    validation_success: Finite | None = None
+    validation_failure: Finite | None = None
+    guided_success: Finite | None = None
     """Of a validation's guided episodes: the share that satisfied task and execution objectives at once."""
-    score: float | None = None
+    score: Finite | None = None
 
 
 def write_table(path: Path, rows: list[MetricsRow]) -> None:
@@ -41,7 +42,7 @@ def write_table(path: Path, rows: list[MetricsRow]) -> None:
         ConfigError: if the file cannot be written.
     """
     buffer = io.StringIO(newline="")
-    writer = csv.DictWriter(buffer, [field.name for field in fields(MetricsRow)])
+    writer = csv.DictWriter(buffer, MetricsRow.__struct_fields__)
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
     write_run_file(path, buffer.getvalue().encode())

@@ -13,7 +13,8 @@ from export.algorithms.mafpo_warm import MafpoWarm
 from export.algorithms.mappo import Mappo
 from export.algorithms.pc_mappo import PcMappo
 from export.scenarios import scenario_facts
-from export.training.checkpoint import CHECKPOINT, RunIdentity, check_identity, load, taken_from
+from export.training.checkpoint import CHECKPOINT, RunIdentity, check_identity, load, read_identity
+from export.training.warm_start import WarmStart, load_warm_start
 
 ALGORITHMS = {algorithm.name: algorithm for algorithm in (Mafpo, MafpoChain, Mappo, MafpoWarm, PcMappo)}
 
@@ -46,6 +47,8 @@ class Beginning:
     identity: RunIdentity
     saved: dict[str, Any] | None
     """The checkpoint to continue from; None for a new run."""
+    warm: WarmStart | None
+    """What a new `mafpo-warm` begins with."""
 
 
 def check_request(request: Request, workers: int, settings: TrainingSettings | None = None) -> Beginning:
@@ -53,21 +56,22 @@ def check_request(request: Request, workers: int, settings: TrainingSettings | N
 
     Raises:
         ConfigError: if the directory is taken or holds nothing to resume, if its checkpoint is damaged or
-            another run's, if a warm start is missing or not wanted, or if the work cannot be shared equally.
+            another run's, if a warm start is missing, damaged or not wanted, or if the work cannot be shared
+            equally.
     """
     _check_directory(request)
     _check_warm_start(request)
     path = request.out / CHECKPOINT
     saved = load(path) if request.resume else None
     settings = settings or ALGORITHMS[request.algorithm].settings
-    with taken_from(path, "run"):
-        begun = {"frames": settings.frames} if saved is None else dict(saved["identity"])
-        settings = replace(settings, frames=request.frames or int(begun["frames"]))
+    begun = None if saved is None else read_identity(path, saved)
+    settings = replace(settings, frames=request.frames or (begun or settings).frames)
     _check_shares(settings, workers)
     identity = _identify(request, workers, settings)
-    if saved is not None:
+    if begun:
         check_identity(path, begun, identity)
-    return Beginning(settings, identity, saved)
+    warm = load_warm_start(request.warm_start, request.scenario) if request.warm_start else None
+    return Beginning(settings, identity, saved, warm)
 
 
 def make_algorithm(request: Request) -> Algorithm:

@@ -2,17 +2,19 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from typing import Any
 
+import msgspec
 import numpy as np
 import torch
+from msgspec.structs import asdict, replace
 
 from edge_runtime.common.commit import commit
 from edge_runtime.errors import ConfigError
 from export.algorithms.base import TrainingSettings
 from export.common.distributed import Workers
 from export.scenarios import make_scenario
-from export.training.checkpoint import CHECKPOINT, PolicyFacts, load, save, save_policy, taken_from
+from export.training.checkpoint import CHECKPOINT, PolicyFacts, save, save_policy, taken_from
 from export.training.metrics import MetricsRow, draw_curve, write_table
 from export.training.request import Request, check_request, make_algorithm
 from export.training.trainer import Trainer
@@ -27,7 +29,7 @@ class TrainingRun:
         """Start anew, or continue where the last checkpoint was made.
 
         Raises:
-            ConfigError: if the checkpoint is damaged or another run's, or the work cannot be shared equally.
+            ConfigError: as `check_request`, or if the checkpoint holds what training does not write.
         """
         beginning = check_request(request, workers.count, settings)
         self._request, self._workers, self._identity = request, workers, beginning.identity
@@ -41,13 +43,12 @@ class TrainingRun:
         with torch.random.fork_rng():
             torch.manual_seed(request.seed)  # initial weights are equal in all workers
             algorithm = make_algorithm(request)
-            if request.warm_start:
-                warm_start(algorithm.actor.as_flow(), request.scenario, request.warm_start, request.seed)
+            warm = beginning.warm
+            if warm:  # before the trainer, which takes a copy of the weights
+                warm_start(algorithm.actor.as_flow(), warm.gaussian, request.scenario, request.seed)
             self.trainer = Trainer(scenario, algorithm, beginning.settings, generator, workers)
-            if request.warm_start:
-                path = request.warm_start / CHECKPOINT
-                with taken_from(path, "run"):
-                    self.trainer.adopt_critic(load(path)["trainer"])
+            if warm:
+                self.trainer.adopt_critic(warm.trainer)
         self._validation = Validation(
             request.scenario, beginning.settings, workers, preferred=request.preferred
         )
@@ -57,7 +58,7 @@ class TrainingRun:
             with taken_from(request.out / CHECKPOINT, "run"):
                 self._restore(beginning.saved)
             return
-        if request.warm_start:
+        if warm:
             self._validate()  # learning on may make nothing better
         self._checkpoint()
 
@@ -156,8 +157,16 @@ class TrainingRun:
             if reported:
                 raise reported
 
-    def _restore(self, saved: dict) -> None:
+    def _restore(self, saved: dict[str, Any]) -> None:
+        workers, rank = saved["workers"], self._workers.rank
         self.trainer.load_state_dict(saved["trainer"])
-        self.trainer.load_worker_state_dict(saved["workers"][self._workers.rank])
-        self.rows = [MetricsRow(**row) for row in saved["rows"]]
-        self.best_score = saved["best_score"]
+        self.rows = msgspec.convert(saved["rows"], list[MetricsRow])
+        self.best_score = msgspec.convert(saved["best_score"], float)
+        settings = self.trainer.settings
+        counted = [settings.environments * settings.steps * (k + 1) for k in range(len(self.rows))]
+        if [row.frames for row in self.rows] != counted or self.trainer.frames != max(counted, default=0):
+            raise ValueError("frames are not counted as training does")
+        if len(workers) != self._workers.count or not self.best_score <= 1.0:
+            raise ValueError("neither so many workers nor such a score can be")
+        for state in (*workers, workers[rank]):  # each tries all: what one refuses, every one does
+            self.trainer.load_worker_state_dict(state)

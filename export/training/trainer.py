@@ -9,12 +9,14 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
+from edge_runtime.errors import FailedError
 from export.algorithms.base import Algorithm, TrainingSettings
 from export.algorithms.gae import advantages
 from export.algorithms.moments import RunningMoments
 from export.algorithms.networks import Critic, team_views
 from export.common.distributed import Workers
 from export.scenarios.scenario import EpisodeMetrics, Scenario
+from export.training.fitted import fitted, require_finite
 from export.training.rollout import Collector, Rollout
 
 CHUNK = 8192
@@ -137,7 +139,11 @@ class Trainer:
         )
 
     def update(self, batch: Batch) -> UpdateMetrics:
-        """Several epochs of minibatches; gradients are averaged over the workers."""
+        """Several epochs of minibatches; gradients are averaged over the workers.
+
+        Raises:
+            FailedError: if what was learned is no finite number.
+        """
         self._set_learning_rates()
         minibatch = self.settings.minibatch // self.workers.count
         metrics = []
@@ -147,6 +153,7 @@ class Trainer:
             )
             metrics += [self._gradient_step(batch.rows(index)) for index in order.split(minibatch)]
         ratio_change, value_loss = self.workers.mean(torch.stack(metrics).mean(0)).tolist()
+        self._require_sense(ratio_change, value_loss)
         self._adapt_learning_rate(ratio_change)
         return UpdateMetrics(ratio_change, value_loss)
 
@@ -163,12 +170,23 @@ class Trainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from what ``state_dict`` returned."""
-        self.frames, self._rate = state["frames"], state["learning_rate"]
-        self.algorithm.actor.load_state_dict(state["actor"])
-        self._averaged.load_state_dict(state["averaged"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self.adopt_critic(state)
+        """Continue from what ``state_dict`` returned.
+
+        Raises:
+            ValueError: or what Python makes of it, if it is anything else.
+        """
+        own = self.state_dict()
+        moments, groups = state["optimizer"]["state"], own["optimizer"]["param_groups"]
+        own["optimizer"] = self._adams_moments() if moments else {}
+        taken = fitted({**state, "optimizer": moments}, own)
+        self.frames, self._rate = taken["frames"], taken["learning_rate"]
+        low, high = self._rates
+        if not low <= self._rate <= high:
+            raise ValueError(f"learning_rate {self._rate:g} is never adapted to")
+        self.algorithm.actor.load_state_dict(taken["actor"])
+        self._averaged.load_state_dict(taken["averaged"])
+        self._optimizer.load_state_dict({"state": taken["optimizer"], "param_groups": groups})
+        self.adopt_critic(taken)
 
     def adopt_critic(self, state: dict[str, Any]) -> None:
         """Begin with the critic of another run's ``state_dict``, and with its scale of rewards.
@@ -187,10 +205,20 @@ class Trainer:
         }
 
     def load_worker_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from what ``worker_state_dict`` returned."""
-        self.collector.load_state_dict(state["collector"])
-        self._discounted.copy_(state["discounted"])
-        self._generator.set_state(state["generator"])
+        """Continue from what ``worker_state_dict`` returned, after `load_state_dict`.
+
+        Raises:
+            ValueError: or what Python makes of it, if it is anything else, or nothing to go on from.
+        """
+        taken = fitted(state, self.worker_state_dict())
+        self.collector.load_state_dict(taken["collector"])
+        self._discounted.copy_(taken["discounted"])
+        self._generator.set_state(taken["generator"])
+        observation = self.collector.scenario.observe()
+        start = observation.new_zeros(*observation.shape[:-1], self.algorithm.actor.action_dim)
+        with torch.no_grad():
+            actions = [each.act(observation, start) for each in (self.algorithm, self.deployed)]
+            require_finite(self._value(observation), *actions)
 
     def _value(self, observation: Tensor) -> Tensor:
         """Observations (.., N, O) -> values (.., N)."""
@@ -231,6 +259,30 @@ class Trainer:
         self._optimizer.step()
         return torch.stack([(ratio.detach() - 1).abs().mean(), value_loss.detach()])
 
+    def _adams_moments(self) -> dict[int, dict[str, Tensor]]:
+        """The optimizer's state, once there is one."""
+        parameters = [p for group in self._optimizer.param_groups for p in group["params"]]
+        return {
+            k: {"step": torch.zeros(()), "exp_avg": torch.zeros_like(p), "exp_avg_sq": torch.zeros_like(p)}
+            for k, p in enumerate(parameters)
+        }
+
+    @property
+    def _rates(self) -> tuple[float, float]:
+        """Bounds of the learning rate before it decays."""
+        low, high = ADAPTED_RATES
+        return low * self.settings.learning_rate, high * self.settings.learning_rate
+
+    def _require_sense(self, *metrics: float) -> None:
+        weights = (*self.algorithm.actor.parameters(), *self.critic.parameters())
+        try:
+            require_finite(torch.tensor(metrics), *weights)
+        except ValueError as error:
+            raise FailedError(
+                f"training came apart after {self.frames} frames: what it learned is no finite number; "
+                "train again into a new directory with another --seed"
+            ) from error
+
     def _decay(self) -> float:
         return 1.0 - (1.0 - self.settings.final_learning_rate) * self.progress
 
@@ -244,7 +296,7 @@ class Trainer:
         if wanted is None:
             return
         factor = 1 / 1.2 if ratio_change > 1.5 * wanted else 1.1 if ratio_change < 0.7 * wanted else 1.0
-        low, high = (bound * self.settings.learning_rate for bound in ADAPTED_RATES)
+        low, high = self._rates
         self._rate = min(max(self._rate * factor, low), high)
 
 

@@ -1,27 +1,42 @@
 """Where `export.algorithms.mafpo_warm` begins: a trained Gaussian policy, and what it sees when it drives."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from edge_runtime.errors import ConfigError
 from export.algorithms.mafpo_warm import DEVIATION, match
-from export.algorithms.networks import FlowNetwork
-from export.scenarios import make_scenario
-from export.training.checkpoint import load_policy
+from export.algorithms.moments import RunningMoments
+from export.algorithms.networks import Critic, FlowNetwork
+from export.scenarios import make_scenario, scenario_facts
+from export.scenarios.scenario import ScenarioFacts
+from export.training.checkpoint import CHECKPOINT, load, load_policy, taken_from
+from export.training.fitted import fitted, require_finite
 
 ENVIRONMENTS = 256
 EVERY = 4
 """Control steps between two that are learned from: neighbouring ones tell the same."""
 
 
-def warm_start(flow: FlowNetwork, scenario: str, run: Path, seed: int) -> float:
-    """Make a new flow equal to the Gaussian policy that a run trained; returns how well it matches.
+@dataclass(frozen=True)
+class WarmStart:
+    """What a run of a Gaussian policy leaves to a new flow."""
+
+    gaussian: FlowNetwork
+    """Its policy."""
+    trainer: dict[str, dict[str, Tensor]]
+    """Its critic and scale of rewards: ``critic`` and ``reward_moments`` of `Trainer.state_dict`."""
+
+
+def load_warm_start(run: Path, scenario: str) -> WarmStart:
+    """Read a run of a Gaussian policy.
 
     Raises:
-        ConfigError: if the run holds no Gaussian policy for this scenario.
+        ConfigError: if it holds none for this scenario, or no critic of it.
     """
     gaussian, facts = load_policy(run)
     if facts.scenario != scenario or facts.start != "zero" or facts.preferred:
@@ -29,6 +44,23 @@ def warm_start(flow: FlowNetwork, scenario: str, run: Path, seed: int) -> float:
             f"{run} holds {facts.algorithm} on {facts.scenario}, no Gaussian policy for {scenario}: name the "
             f"--out directory of edge-train {scenario} --algorithm mappo"
         )
+    path = run / CHECKPOINT
+    saved = load(path)
+    with taken_from(path, "run"):
+        return WarmStart(gaussian, _critic(saved["trainer"], scenario_facts(scenario)))
+
+
+def _critic(found: dict[str, Any], spaces: ScenarioFacts) -> dict[str, dict[str, Tensor]]:
+    critic = Critic(spaces.observation_dim, spaces.robots)
+    own = {"critic": critic.state_dict(), "reward_moments": RunningMoments(1).state_dict()}
+    taken: dict[str, dict[str, Tensor]] = {name: fitted(found[name], own[name]) for name in own}
+    critic.load_state_dict(taken["critic"])
+    require_finite(critic(torch.ones(spaces.robots, spaces.observation_dim)))
+    return taken
+
+
+def warm_start(flow: FlowNetwork, gaussian: FlowNetwork, scenario: str, seed: int) -> float:
+    """Make a new flow equal to a Gaussian policy; returns how well it matches."""
     flow.moments.load_state_dict(gaussian.moments.state_dict())
     generator = torch.Generator(flow.from_observation.weight.device).manual_seed(seed)
 

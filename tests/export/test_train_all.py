@@ -3,6 +3,7 @@
 from threading import Event, Thread
 
 import pytest
+from msgspec.structs import asdict
 
 from edge_runtime.errors import ConfigError
 from export import train_all
@@ -11,7 +12,8 @@ from export.edge_train import parse
 from export.schedule import pool
 from export.schedule.job import FRAMES, jobs, run
 from export.train_all import main
-from export.training.checkpoint import save
+from export.training import request as training_request
+from export.training.checkpoint import RunIdentity, save
 from export.training.lock import locked, wait_until_free
 from export.training.request import ALGORITHMS, check_request
 
@@ -43,7 +45,8 @@ def train_request(job):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("scenario", FRAMES)
-def test_edge_train_takes_the_commands_of_every_job(tmp_path, scenario, algorithm):
+def test_edge_train_takes_the_commands_of_every_job(tmp_path, scenario, algorithm, monkeypatch):
+    monkeypatch.setattr(training_request, "load_warm_start", lambda run, _scenario: run)
     wanted = job(tmp_path, algorithm, scenario)
     request = train_request(wanted)
     assert (request.scenario, request.algorithm, request.seed) == (scenario, algorithm, 2)
@@ -186,7 +189,11 @@ def test_an_interruption_begins_nothing_more():
 def test_a_run_of_another_budget_is_no_policy_of_the_tables(tmp_path, capsys):
     wanted = job(tmp_path, "mappo", seed=0)
     wanted.directory.mkdir(parents=True)
-    save(wanted.directory / "checkpoint.pt", {"identity": {"frames": 700_000}})
+    identity = RunIdentity(
+        scenario="balance", algorithm="mappo", seed=0, frames=700_000, workers=1, observation_dim=16,
+        action_dim=2, hidden=(64, 64),
+    )  # fmt: skip
+    save(wanted.directory / "checkpoint.pt", {"identity": asdict(identity)})
     flags = ["--out", str(tmp_path), "--scenarios", "balance", "--algorithms", "mappo", "--seeds", "1"]
     assert main(flags) == 2
     said = capsys.readouterr().err

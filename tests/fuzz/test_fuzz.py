@@ -15,10 +15,10 @@ HANG_S = 3600
 """Longer than any batch takes on any machine."""
 KINDS = {
     "bundles": (10_000, 200, 10), "toml_files": (2000, 200, 4), "logs": (1000, 8, 20), "graphs": (500, 6, 10),
-    "command_lines": (100, 40, 1), "recordings": (1000, 40, 4),
+    "command_lines": (100, 40, 1), "recordings": (1000, 40, 4), "checkpoints": (1000, 40, 4),
 }  # fmt: skip
 """Cases in full, cases otherwise, batches in full."""
-WORKSTATION = ("graphs", "command_lines")
+WORKSTATION = ("graphs", "command_lines", "checkpoints")
 
 
 def pytest_generate_tests(metafunc):

@@ -1,5 +1,7 @@
 import errno
 import os
+import zipfile
+from math import inf, nan
 
 import pytest
 import torch
@@ -65,6 +67,81 @@ def test_a_file_of_any_size_is_read_only_up_to_a_bound(tmp_path):
 def test_a_file_of_something_else_is_refused_by_name(tmp_path, content, told):
     torch.save(content, tmp_path / "best.pt")
     with pytest.raises(ConfigError, match=rf"best\.pt {told}"):
+        load_policy(tmp_path)
+
+
+def first(state, name):
+    return state["actor"][name].view(-1)[:1]
+
+
+FORGED = {
+    "a number for a text": lambda state: state["facts"].update(scenario=3),
+    "an unknown task": lambda state: state["facts"].update(scenario="juggling"),
+    "a text that no line holds": lambda state: state["facts"].update(algorithm="a\nb"),
+    "frames that nobody counts": lambda state: state["facts"].update(frames=-1),
+    "a score that is no number": lambda state: state["facts"].update(score=nan),
+    "no steps": lambda state: state["facts"].update(euler_steps=0),
+    "half a step": lambda state: state["facts"].update(euler_steps=0.5),
+    "a negative size": lambda state: state["network"].update(hidden=(-64, 64)),
+    "no layers": lambda state: state["network"].update(hidden=()),
+    "layers that no machine holds": lambda state: state["network"].update(hidden=(10**9, 10**9)),
+    "layers that no robot takes": lambda state: state["network"].update(hidden=(4096,) * 16),
+    "another activation": lambda state: state["network"].update(activation="relu"),
+    "no spread": lambda state: state["network"].update(prior_std=0.0),
+    "a list for a tensor": lambda state: state["actor"].update(phase=[0.0] * 8),
+    "doubles": lambda state: state["actor"].update(phase=state["actor"]["phase"].double()),
+    "complex numbers": lambda state: state["actor"].update(phase=state["actor"]["phase"].cfloat()),
+    "a sparse tensor": lambda state: state["actor"].update(phase=state["actor"]["phase"].to_sparse()),
+    "tensors of tensors": lambda state: state["actor"].update(
+        phase=torch.nested.nested_tensor([state["actor"]["phase"]])
+    ),
+    "a tensor of nothing": lambda state: state["actor"].update(phase=state["actor"]["phase"].to("meta")),
+    "a column for a row": lambda state: state["actor"].update(phase=state["actor"]["phase"][:, None]),
+    "a number repeated without end": lambda state: state["actor"].update(phase=torch.ones(1).expand(10**12)),
+    "not a number": lambda state: first(state, "from_observation.bias").fill_(nan),
+    "infinity": lambda state: first(state, "from_observation.bias").fill_(inf),
+    "weights beyond all measure": lambda state: state["actor"]["from_observation.weight"].fill_(1e30),
+    "weights that overflow together": lambda state: [
+        value.fill_(1e12) for name, value in state["actor"].items() if name.endswith("weight")
+    ],
+    "less variance than none": lambda state: first(state, "moments.variance").fill_(-1.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore:The PyTorch API of nested tensors")
+@pytest.mark.parametrize("forge", FORGED)
+def test_a_sound_file_of_forged_values_is_refused_by_name(tmp_path, forge):
+    save_policy(tmp_path, FlowNetwork(18, 2), FACTS)
+    state = load(tmp_path / "best.pt")
+    FORGED[forge](state)
+    torch.save(state, tmp_path / "best.pt")
+    with pytest.raises(ConfigError, match=r"best\.pt holds no policy of this version: train again"):
+        load_policy(tmp_path)
+
+
+def rewritten(path, pickled=None, compression=zipfile.ZIP_STORED):
+    """Write a file of torch's anew, as others could: another tree in it, or compressed."""
+    with zipfile.ZipFile(path) as archive:
+        members = {each.filename: archive.read(each) for each in archive.infolist()}
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(name, pickled if pickled and name.endswith("data.pkl") else content)
+
+
+def test_a_tree_without_a_bottom_is_refused_by_name(tmp_path):
+    save_policy(tmp_path, FlowNetwork(18, 2), FACTS)
+    depth = 1_000_000
+    rewritten(tmp_path / "best.pt", b"\x80\x02}X\x05\0\0\0facts" + b"]" * depth + b"a" * (depth - 1) + b"s.")
+    with pytest.raises(ConfigError, match=r"best\.pt holds no policy of this version"):
+        load_policy(tmp_path)
+
+
+def test_what_unpacks_to_more_than_the_file_is_refused_by_name(tmp_path):
+    save_policy(tmp_path, FlowNetwork(18, 2), FACTS)
+    rewritten(tmp_path / "best.pt")
+    assert load_policy(tmp_path)[1] == FACTS
+    rewritten(tmp_path / "best.pt", compression=zipfile.ZIP_DEFLATED)
+    with pytest.raises(ConfigError, match=r"best\.pt is damaged or not a checkpoint"):
         load_policy(tmp_path)
 
 

@@ -1,3 +1,4 @@
+import copy
 import csv
 import errno
 import os
@@ -5,16 +6,19 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from math import inf, nan
 
 import pytest
 import torch
 from training_runs import SETTINGS, request, same, train
 
-from edge_runtime.errors import ConfigError
+from edge_runtime.errors import ConfigError, FailedError
 from export.algorithms.mafpo_warm import MafpoWarm, match
 from export.common.distributed import Workers
+from export.scenarios import SCENARIOS, make_scenario
 from export.training import warm_start
 from export.training.checkpoint import load, load_policy
+from export.training.fitted import fitted
 from export.training.request import ALGORITHMS, check_request
 from export.training.run import TrainingRun
 
@@ -150,7 +154,50 @@ DAMAGES = {
     "no workers": lambda state: state.update(workers=[]),
     "another scenario's episodes": lambda state: state["workers"][0]["collector"].update(scenario={}),
     "rows of another version": lambda state: state["rows"][0].update(loss=1.0),
+    "rows that are none": lambda state: state.update(rows=[3.0]),
+    "a row of texts": lambda state: state["rows"][0].update(seconds="1"),
+    "frames counted backwards": lambda state: state["rows"][0].update(frames=-48),
+    "frames that no rows tell of": lambda state: state["trainer"].update(frames=10**30),
+    "a text for the best score": lambda state: state.update(best_score="0.5"),
+    "a best score that nothing exceeds": lambda state: state.update(best_score=nan),
+    "frames without end": lambda state: state["identity"].update(frames=inf),
+    "seeds without end": lambda state: state["identity"].update(seed=2**64),
+    "no frames to train": lambda state: state["identity"].update(frames=0),
+    "averages of averages of none": lambda state: state["trainer"]["averaged"]["n_averaged"].fill_(-10),
+    "averages that are no numbers": lambda state: state["trainer"]["averaged"]["module.flow.phase"].fill_(
+        nan
+    ),
+    "a critic beyond all measure": lambda state: state["trainer"]["critic"]["layers.2.weight"].fill_(1e38),
+    "weights that overflow together": lambda state: [
+        value.fill_(1e12) for name, value in state["trainer"]["actor"].items() if name.endswith("weight")
+    ],
+    "a learning rate of another world": lambda state: state["trainer"].update(learning_rate=1e9),
+    "an optimizer before its first step": lambda state: moments(state)["step"].fill_(-1),
+    "an optimizer of doubles": lambda state: moments(state).update(
+        exp_avg=moments(state)["exp_avg"].double()
+    ),
+    "a generator of another length": lambda state: state["workers"][0].update(
+        generator=torch.zeros(7, dtype=torch.uint8)
+    ),
+    "a generator of noise": lambda state: state["workers"][0]["generator"].fill_(255),
+    "robots of complex places": lambda state: episodes(state).update(
+        position=episodes(state)["position"].cfloat()
+    ),
+    "robots that share a place in memory": lambda state: episodes(state).update(
+        goal=episodes(state)["goal"][:1, :, :1].expand_as(episodes(state)["goal"])[None]
+    ),
+    "robots nowhere": lambda state: episodes(state)["position"].fill_(inf),
+    "a list of clocks": lambda state: state["workers"][0]["collector"].update(clock=[0] * 16),
+    "another worker": lambda state: state["workers"].append(state["workers"][0]),
 }
+
+
+def moments(state):
+    return state["trainer"]["optimizer"]["state"][0]
+
+
+def episodes(state):
+    return state["workers"][0]["collector"]["scenario"]
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -163,6 +210,50 @@ def test_a_checkpoint_of_another_version_is_refused_and_stays(finished, tmp_path
         TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_what_one_worker_cannot_go_on_from_every_worker_refuses(tmp_path, monkeypatch, rank):
+    monkeypatch.setattr(Workers, "gather", lambda self, value: [value] * self.count)
+    TrainingRun(request(tmp_path), Workers(0, 2), SETTINGS)
+    assert TrainingRun(request(tmp_path, resume=True), Workers(rank, 2), SETTINGS).trainer.frames == 0
+    state = load(tmp_path / "checkpoint.pt")
+    state["workers"][1] = copy.deepcopy(state["workers"][1])
+    state["workers"][1]["generator"].fill_(255)
+    torch.save(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(ConfigError, match=r"checkpoint\.pt holds no run of this version"):
+        TrainingRun(request(tmp_path, resume=True), Workers(rank, 2), SETTINGS)
+
+
+def test_what_an_optimizer_is_told_comes_from_the_algorithm_alone(finished, tmp_path):
+    state = load(finished / "checkpoint.pt")
+    for group in state["trainer"]["optimizer"]["param_groups"]:
+        group.update(fused="yes", betas=(2.0, nan), params=[])
+    torch.save(state, tmp_path / "checkpoint.pt")
+    run = TrainingRun(request(tmp_path, resume=True), Workers(), SETTINGS)
+    taken, written = run.trainer.state_dict(), load(finished / "checkpoint.pt")["trainer"]
+    for group in (*taken["optimizer"]["param_groups"], *written["optimizer"]["param_groups"]):
+        del group["lr"]  # set before every step
+    assert same(taken, written)
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "mafpo-chain"])
+def test_training_that_comes_apart_ends_in_one_line_and_no_checkpoint_holds_it(tmp_path, algorithm):
+    settings = replace(SETTINGS, learning_rate=1e10, gradient_limit=inf)
+    with pytest.raises(FailedError, match=r"training came apart after 0 frames: .* another --seed$"):
+        train(request(tmp_path, algorithm=algorithm), settings=settings)
+    resumed = TrainingRun(request(tmp_path, algorithm=algorithm, resume=True), Workers(), settings)
+    assert resumed.trainer.frames == 0
+
+
+@pytest.mark.parametrize("scenario", sorted(SCENARIOS))
+def test_episodes_under_way_are_told_as_those_that_begin(scenario):
+    world = make_scenario(scenario, 3, 0, torch.device("cpu"), training=True)
+    began = world.state_dict()
+    for _ in range(3):
+        world.step(torch.ones(3, world.facts.robots, world.facts.action_dim))
+    world.reset(torch.tensor([True, False, False]))
+    assert not same(fitted(world.state_dict(), began), began)
 
 
 def test_directories_are_neither_overwritten_nor_resumed_from_nothing(finished, tmp_path):

@@ -1,7 +1,9 @@
 """Beginning a run with another's Gaussian policy: what it takes over, what it refuses, how it resumes."""
 
+import shutil
 from dataclasses import replace
 from functools import partial
+from math import nan
 
 import pytest
 import torch
@@ -53,10 +55,9 @@ def new_flow():
 def test_the_flow_has_the_gaussians_moments_and_nears_its_mean(runs, monkeypatch):
     monkeypatch.setattr(warm_start, "ENVIRONMENTS", 16)
     monkeypatch.setattr(warm_start, "match", partial(match, steps=200))
-    flow, (gaussian, facts) = new_flow(), load_policy(runs / "mappo")
+    flow, (gaussian, _) = new_flow(), load_policy(runs / "mappo")
     torch.nn.init.constant_(gaussian.layers[-1].bias, 0.5)  # hardly trained, it has a mean of nearly zero
-    monkeypatch.setattr(warm_start, "load_policy", lambda _run: (gaussian, facts))
-    error = warm_start.warm_start(flow, "navigation", runs / "mappo", 0)
+    error = warm_start.warm_start(flow, gaussian, "navigation", 0)
     assert same(flow.moments.state_dict(), gaussian.moments.state_dict())
     observation = make_scenario("navigation", 100, 9, torch.device("cpu"), training=True).observe()
     start = torch.zeros(*observation.shape[:2], 2)
@@ -70,8 +71,8 @@ def test_the_flow_has_the_gaussians_moments_and_nears_its_mean(runs, monkeypatch
 
 @pytest.mark.usefixtures("brief")
 def test_workers_that_begin_alike_stay_alike(runs):
-    flows = [new_flow() for _ in range(2)]
-    errors = [warm_start.warm_start(flow, "navigation", runs / "mappo", 3) for flow in flows]
+    flows, (gaussian, _) = [new_flow() for _ in range(2)], load_policy(runs / "mappo")
+    errors = [warm_start.warm_start(flow, gaussian, "navigation", 3) for flow in flows]
     assert errors[0] == errors[1]
     assert same(flows[0].state_dict(), flows[1].state_dict())
     assert not same(flows[0].state_dict(), new_flow().state_dict())
@@ -131,6 +132,39 @@ def test_a_run_without_a_gaussian_policy_of_this_task_is_refused_in_one_line(
     assert found in error
     assert found.startswith("best.pt") or "edge-train navigation --algorithm mappo" in error
     assert not list(tmp_path.iterdir())
+
+
+DAMAGES = {
+    "no critic": lambda trainer: trainer.pop("critic"),
+    "another task's critic": lambda trainer: trainer["critic"].update({"layers.0.weight": torch.ones(2)}),
+    "a critic of numbers that are none": lambda trainer: trainer["critic"]["layers.4.bias"].fill_(nan),
+    "a critic beyond all measure": lambda trainer: trainer["critic"]["layers.0.weight"].fill_(1e38),
+    "a list of rewards": lambda trainer: trainer.update(reward_moments=[0.0]),
+    "rewards that vary less than not": lambda trainer: trainer["reward_moments"]["variance"].fill_(-1.0),
+}
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("damage", [*DAMAGES, "no file"])
+def test_a_run_with_a_bad_critic_is_refused_before_anything_is_done(
+    runs, tmp_path, capsys, monkeypatch, damage, workers
+):
+    run = shutil.copytree(runs / "mappo", tmp_path / "mappo")
+    told = "checkpoint.pt does not exist: name the --out directory"
+    if damage == "no file":
+        (run / "checkpoint.pt").unlink()
+    else:
+        state = load(run / "checkpoint.pt")
+        DAMAGES[damage](state["trainer"])
+        torch.save(state, run / "checkpoint.pt")
+        told = "checkpoint.pt holds no run of this version: train again into a new directory"
+    monkeypatch.setattr(command, "_train", lambda *_: pytest.fail("it began to train"))
+    flags = ["navigation", "--algorithm", "mafpo-warm", "--warm-start", str(run), "--workers", workers]
+    assert command.main([*flags, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"edge-train: {run}/{told}")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
