@@ -34,11 +34,7 @@ package() {  # package ARCHITECTURE PROCESSOR
         gzip -9n >"$root/usr/share/doc/cfpg-edge/changelog.gz"
     sed "s/VERSION/$version/; s/ARCHITECTURE/$1/; s/MAINTAINER/$maintainer/" packaging/debian/control >"$root/DEBIAN/control"
     echo /etc/cfpg-edge/environment >"$root/DEBIAN/conffiles"
-    sed "s/VERSION/$version/" packaging/debian/postinst >"$root/DEBIAN/postinst"
-    cp packaging/debian/before "$root/DEBIAN/preinst"
-    cp packaging/debian/before "$root/DEBIAN/prerm"
-    cp packaging/debian/postrm "$root/DEBIAN/postrm"
-    chmod 755 "$root"/DEBIAN/p*
+    sh packaging/debian/scripts.sh "$version" "$root/DEBIAN"
     dpkg-deb --root-owner-group -Zgzip --build "$root" "$out" >/dev/null
     dpkg-deb --root-owner-group -Zgzip --build "$root" "$work/again.deb" >/dev/null
     cmp "$work/again.deb" "$out/cfpg-edge_${version}_$1.deb"
