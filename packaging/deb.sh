@@ -10,6 +10,9 @@ export SOURCE_DATE_EPOCH PIP_DISABLE_PIP_VERSION_CHECK=1
 umask 022
 version=$(ls "$out"/cfpg_edge-*.tar.gz | sed 's/.*cfpg_edge-\(.*\)\.tar\.gz/\1/')
 maintainer=$(tar xzOf "$out/cfpg_edge-$version.tar.gz" "cfpg_edge-$version/PKG-INFO" | sed -n 's/^Maintainer-email: //p')
+pythons=$(ls -d "$work"/env-3.*/bin/python | sed 's|.*/env-3\.\([0-9]*\)/.*|\1|' | sort -n)
+first=$(echo "$pythons" | head -1)
+last=$(echo "$pythons" | tail -1)
 platforms=$(for minor in $(seq 17 28); do echo "--platform manylinux_2_${minor}_PROCESSOR"; done)
 
 wheelhouse() {  # wheelhouse PROCESSOR FOLDER: each Python judges for itself what it needs
@@ -32,7 +35,8 @@ package() {  # package ARCHITECTURE PROCESSOR
     printf 'cfpg-edge (%s) stable; urgency=medium\n\n  * CHANGELOG.md, beside this file, says what changed.\n\n -- %s  %s\n' \
         "$version" "$maintainer" "$(date -R -u -d "@$SOURCE_DATE_EPOCH")" |
         gzip -9n >"$root/usr/share/doc/cfpg-edge/changelog.gz"
-    sed "s/VERSION/$version/; s/ARCHITECTURE/$1/; s/MAINTAINER/$maintainer/" packaging/debian/control >"$root/DEBIAN/control"
+    sed "s/VERSION/$version/; s/ARCHITECTURE/$1/; s/MAINTAINER/$maintainer/; s/FIRST/$first/; s/AFTER/$((last + 1))/" \
+        packaging/debian/control >"$root/DEBIAN/control"
     echo /etc/cfpg-edge/environment >"$root/DEBIAN/conffiles"
     sh packaging/debian/scripts.sh "$version" "$root/DEBIAN"
     dpkg-deb --root-owner-group -Zgzip --build "$root" "$out" >/dev/null

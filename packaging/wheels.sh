@@ -59,6 +59,7 @@ if [ ! -e "$tools/ready" ]; then
     touch "$tools/ready"
 fi
 versions=$(for version in 3.10 3.11 3.12 3.13; do [ -z "$(python_of $version)" ] || echo $version; done)
+[ -n "$versions" ]
 build "$work/first" &
 build "$work/second"
 wait $!
@@ -86,7 +87,10 @@ drive env PYTHONPATH="$env" qemu-aarch64 -cpu cortex-a76,midr=0x411fd421 -L "$ar
 
 env=$work/env-$(echo "$versions" | tail -1)/bin/python
 "$tools/cyclonedx-py" environment "$env" --pyproject pyproject.toml --output-reproducible --output-file "$made/sbom.cdx.json"
+version=$(basename "$made"/cfpg_edge-*.tar.gz .tar.gz)  # which an SBOM leaves out where it is dynamic
+sed -i "s/^\( *\)\"name\": \"cfpg-edge\",\$/&\n\1\"version\": \"${version#cfpg_edge-}\",/" "$made/sbom.cdx.json"
 "$tools/pip-licenses" --python="$env" --format=markdown --with-urls --output-file="$made/licences.md"
 mkdir -p "$1"
 rm -f "$1"/cfpg*edge*  # of other versions: `pip install dist/*.whl` takes all that lies there
 cp "$made"/* "$1"
+echo "wheels: $(ls "$1"/*.whl | wc -l) of 8 in $1, for Python" $versions

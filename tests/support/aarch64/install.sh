@@ -7,8 +7,8 @@ for package in qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross; do
 done
 [ -z "$missing" ] && exit 0
 if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
-    echo "the tests on aarch64 need:$missing (Debian: apt-get install$missing): skipping them"
-    test -z "$CI"
+    echo "what runs on aarch64 needs:$missing (Debian: apt-get install$missing)" >&2
+    test -z "$CI" && echo "skipping it"
     exit
 fi
 apt-get update -qq && apt-get install -qq --no-install-recommends -y $missing >/dev/null
