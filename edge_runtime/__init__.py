@@ -17,12 +17,14 @@ if TYPE_CHECKING:
     from edge_runtime.objectives import Objective, Slope
     from edge_runtime.objectives.gradient_check import check_gradient
     from edge_runtime.observation import Source, View
+    from edge_runtime.observation.belief import Belief
     from edge_runtime.observation.observer import Observer
     from edge_runtime.policy.bundle import Bundle, load_bundle, packaged_bundle
 
 __version__: Final = "0.1.0"
 
 _HOMES: Final = {
+    "Belief": "observation.belief",
     "Bundle": "policy.bundle",
     "EdgeError": "errors",
     "GuidanceSettings": "guidance.settings",
@@ -48,6 +50,7 @@ _HOMES: Final = {
 }
 
 __all__ = [
+    "Belief",
     "Bundle",
     "EdgeError",
     "GuidanceSettings",

@@ -8,6 +8,7 @@ import msgspec
 
 from edge_runtime.common.bounds import GREATEST, MOST_ROBOTS, RATE_HZ, check_bounds
 from edge_runtime.common.toml_file import Table, read_toml, refuse, to_record
+from edge_runtime.config.beliefs import BeliefSettings, check_beliefs
 from edge_runtime.config.network import CarrierSettings, Robot, WatchSettings, check_network
 from edge_runtime.config.objectives import make_objectives
 from edge_runtime.config.tracked import Tracked, check_tracked
@@ -120,6 +121,8 @@ class Fleet(msgspec.Struct, frozen=True):
     """What is no robot, yet has a pose."""
     simulation: Simulation = Simulation()
     """What moves a simulated team."""
+    beliefs: tuple[BeliefSettings, ...] = ()
+    """What each robot works out for itself."""
 
     def robot(self, robot_id: int) -> Robot:
         """Return the robot with this id.
@@ -144,6 +147,7 @@ class _FleetTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     watch: WatchSettings | None = None
     obstacle: tuple[Obstacle, ...] = ()
     tracked: tuple[Tracked, ...] = ()
+    belief: tuple[BeliefSettings, ...] = ()
     simulation: Simulation = Simulation()
 
 
@@ -175,6 +179,7 @@ def fleet_from(table: Table, path: Path) -> Fleet:
     if len(tables.obstacle) > MOST_ROBOTS:
         refuse(path, "obstacle", f"at most {MOST_ROBOTS} are allowed, got {len(tables.obstacle)}")
     check_tracked(path, tables.carrier, tables.tracked)
+    check_beliefs(path, tables.belief, [each.name for each in tables.tracked])
     objective_set = ObjectiveSet(make_objectives(tables.objectives, path), tables.guidance)
     return Fleet(
         path,
@@ -186,4 +191,5 @@ def fleet_from(table: Table, path: Path) -> Fleet:
         tables.obstacle,
         tables.tracked,
         tables.simulation,
+        tables.belief,
     )

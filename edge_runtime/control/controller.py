@@ -10,13 +10,14 @@ from edge_runtime.control.limits import RobotLimits, first_command, limited
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
+from edge_runtime.observation.belief import Beliefs
 from edge_runtime.observation.familiarity import FAMILIAR, Familiarity
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.velocity_field import VelocityField
 
 
 class Controller:
-    """The stages of one robot's tick, in order: ``observe``, ``act``, ``limit``.
+    """The stages of one robot's tick, in order: ``believe``, ``observe``, ``act``, ``limit``.
 
     Args:
         robot_id: whose commands these are.
@@ -25,6 +26,7 @@ class Controller:
         guide: the objectives in force.
         limits: what it may be commanded.
         familiarity: knows what the policy saw in training.
+        beliefs: what the robot works out for itself.
         seed: of the flow's start noise.
     """
 
@@ -36,6 +38,7 @@ class Controller:
         guide: Guide,
         limits: RobotLimits,
         familiarity: Familiarity,
+        beliefs: Beliefs,
         seed: int = 0,
     ) -> None:
         self.robot_id = robot_id
@@ -52,9 +55,13 @@ class Controller:
         self.unfamiliar = FAMILIAR
         """What the newest observation has that training never had."""
         self._familiarity, self._strangest = familiarity, ""
-        self._observer = observer
+        self._observer, self._beliefs = observer, beliefs
         self._first_s: float | None = None
         self._random = random.Random(seed)
+
+    def believe(self, team: TeamState) -> TeamState:
+        """Add what the robot believes to what it knows in this tick."""
+        return self._beliefs.added(team)
 
     def observe(self, team: TeamState) -> Array:
         """Compose the observation (1, O); the next call reuses it."""
@@ -80,11 +87,13 @@ class Controller:
 
     def decide(self, team: TeamState, now_s: float) -> Command:
         """All stages at once, without a deadline."""
+        team = self.believe(team)
         return self.limit(self.act(self.observe(team), team), team, now_s)
 
     def succeed(self, before: "Controller") -> None:
-        """Go on where another controller of the same robot ends: its newest command, its time."""
+        """Go on where another controller of the same robot ends: its newest command, time, beliefs."""
         self.command, self._first_s = before.command, before._first_s
+        self._beliefs = before._beliefs
 
     def rehearse(self) -> None:
         """Compute a tick to throw away, which leaves no trace: it wakes the processor and its caches.

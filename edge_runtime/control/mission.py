@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from edge_runtime.common.toml_file import refuse
+from edge_runtime.config.beliefs import make_beliefs
 from edge_runtime.config.fleet import Fleet, Team
 from edge_runtime.config.network import Robot
 from edge_runtime.config.objectives import parse_objective_set
@@ -77,6 +78,7 @@ class Mission:
         self._check_familiarity()
         self._check_sources()
         self._observer(self.fleet.robot(self.robot_id))  # which own sources may refuse
+        make_beliefs(self.fleet.path, self.fleet.beliefs)  # which their code may refuse
 
     @property
     def objectives(self) -> tuple[Objective, ...]:
@@ -139,6 +141,7 @@ class Mission:
             self.guide(),
             self._limits(robot, max_speed_m_s, max_yaw_rate_rad_s),
             Familiarity(self.bundle.manifest.observation),
+            make_beliefs(self.fleet.path, self.fleet.beliefs),
             self.seed * 2**16 + robot.id,
         )
 
@@ -187,7 +190,8 @@ class Mission:
                 )
 
     def _check_tracked(self, objective: Objective) -> None:
-        known = [each.name for each in self.fleet.tracked]
+        fleet = self.fleet
+        known = [*(each.name for each in fleet.tracked), *(each.name for each in fleet.beliefs)]
         for name in objective.looks_at:
             if name not in known:
                 refuse(

@@ -3,6 +3,7 @@
 To add one, subclass `Objective` and write ``evaluate``.
 """
 
+from edge_runtime.objectives.attraction import Attraction
 from edge_runtime.objectives.clustering import Clustering
 from edge_runtime.objectives.geofence import Geofence
 from edge_runtime.objectives.objective import LONGEST_LOOK_AHEAD, Objective, Slope
@@ -24,12 +25,14 @@ BUILT_IN = (
     Passing,
     ObstacleMargin,
     TrackedMargin,
+    Attraction,
 )
 """The objectives that configuration files can name by their ``type``."""
 
 __all__ = [
     "BUILT_IN",
     "LONGEST_LOOK_AHEAD",
+    "Attraction",
     "Clustering",
     "Geofence",
     "Objective",

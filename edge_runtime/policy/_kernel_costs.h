@@ -7,13 +7,14 @@
 
 #define TWO_PI 6.283185307179586
 
-typedef enum { SPEED, CLEARANCE, DISTANCE, CLUSTER, ORDER, OWN } Cost;
+typedef enum { SPEED, CLEARANCE, DISTANCE, CLUSTER, ORDER, MIDDLE, OWN } Cost;
 
 /* Where something will be that a cost is about. */
 typedef struct {
     double at[3];
     double mark; /* CLEARANCE and DISTANCE: the side along x on which to leave it, if the robot is there;
-                    ORDER: the side of it on which the robot is to be; CLUSTER: whose place it is */
+                    ORDER: the side of it on which the robot is to be; CLUSTER: whose place it is;
+                    MIDDLE: the first is where the middle is to be, all others are teammates */
 } Point;
 
 /* One objective in one tick. */
@@ -26,7 +27,7 @@ typedef struct {
     double gain;           /* what an action adds to it at most, */
     const double *rows;    /* (dims, d) and its derivatives in units of `gain` */
     double unit;           /* slopes are in units of 1 / unit */
-    double limit, slack;   /* of speed, distance, radius or gap; and what is taken off it */
+    double limit, slack;   /* of speed, distance, radius, gap or pull; and what is taken off it */
     double most;           /* ORDER: the strongest pull; CLUSTER: nearer than this, places are one */
     double own;            /* the robot's number */
     int count;
@@ -155,6 +156,24 @@ INLINE double order_cost(const Term *term, const Vector *position, Vector *slope
     return cost;
 }
 
+INLINE double middle_cost(const int dims, const Term *term, const Vector *position, Vector *slope)
+{
+    const int count = term->count; /* the object stands for the robot itself */
+    if (count == 0)
+        return 0.0;
+    Vector apart;
+    for (int i = 0; i < dims; i++) {
+        double sum = 0.0;
+        for (int n = 1; n < count; n++)
+            sum += term->points[n].at[i];
+        apart.at[i] = (position->at[i] + sum) / count - term->points[0].at[i];
+    }
+    const double distance = sqrt(dot(dims, &apart, &apart)), cure = distance / term->gain;
+    const double pull = fmin(cure, term->limit);
+    *slope = add_scaled(dims, slope, pull / (term->unit * (distance == 0.0 ? 1.0 : distance)), &apart);
+    return count * pull * (cure - 0.5 * pull);
+}
+
 /* A term's cost and its gradient with respect to the action. */
 INLINE double evaluate_in(const int d, const int dims, const Term *term, const Vector *action,
                           Vector *gradient)
@@ -174,6 +193,7 @@ INLINE double evaluate_in(const int d, const int dims, const Term *term, const V
     case DISTANCE: cost = distance_cost(dims, term, &motion, &slope); break;
     case CLUSTER: cost = cluster_cost(dims, term, &motion, &slope); break;
     case ORDER: cost = order_cost(term, &motion, &slope); break;
+    case MIDDLE: cost = middle_cost(dims, term, &motion, &slope); break;
     case OWN: break;
     }
     for (int j = 0; j < d; j++) {

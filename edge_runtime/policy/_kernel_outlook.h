@@ -13,6 +13,7 @@ typedef enum {
     SAFETY_MARGIN,
     OBSTACLE_MARGIN,
     TRACKED_MARGIN,
+    ATTRACTION,
     GEOFENCE,
     SPACING,
     CLUSTERING,
@@ -38,6 +39,7 @@ static const struct {
     [SAFETY_MARGIN] = {"safety_margin", CLEARANCE, 1, false},     /* distance */
     [OBSTACLE_MARGIN] = {"obstacle_margin", CLEARANCE, 1, false}, /* distance */
     [TRACKED_MARGIN] = {"tracked_margin", CLEARANCE, 2, false},   /* distance, the object's place */
+    [ATTRACTION] = {"attraction", MIDDLE, 2, false},             /* pull, the object's place */
     [GEOFENCE] = {"geofence", CLEARANCE, 3, true},                /* distance, centre */
     [SPACING] = {"spacing", DISTANCE, 1, false},                  /* distance */
     [CLUSTERING] = {"clustering", CLUSTER, 2, false},             /* radius, distance of what coincides */
@@ -93,8 +95,7 @@ INLINE Py_ssize_t view_size(int d, int dims, const Sight *sight)
 /* The most points of one term. */
 static int most_points(const Sight *sight)
 {
-    const int seen = sight->mates > sight->obstacles ? sight->mates : sight->obstacles;
-    return seen > 1 ? seen : 1;
+    return 1 + (sight->mates > sight->obstacles ? sight->mates : sight->obstacles);
 }
 
 /* Reads a whole number between two others; false if it is none. */
@@ -233,12 +234,25 @@ static int see_mates(const Objective *objective, int d, int dims, double own, co
     return count;
 }
 
+/* Adds a tracked object, if the robot knows where it is; how many points that is. */
+static int see_object(const Objective *objective, int dims, const Sight *sight, const double *tracked, Point *point)
+{
+    const double place = objective->numbers[1];
+    if (!(place >= 0.0 && place < sight->tracked))
+        return 0;
+    tracked += (int)place * robot_size(dims);
+    for (int i = 0; i < dims; i++)
+        point->at[i] = tracked[1 + i] + objective->horizon_s * tracked[1 + dims + i];
+    point->mark = 1.0;
+    return tracked[0] != 0.0;
+}
+
 /* Adds the points that an objective is about. */
 static int see(const Objective *objective, int d, int dims, const Sight *sight, const double *view,
                const double *drift, Point *points)
 {
     const double *obstacles = view + robot_size(dims), *tracked = obstacles + 2 * sight->obstacles;
-    const double *numbers = objective->numbers;
+    const double *mate = tracked + robot_size(dims) * sight->tracked;
     switch (objective->kind) {
     case SPEED_LIMIT:
     case PYTHON: return 0;
@@ -246,21 +260,17 @@ static int see(const Objective *objective, int d, int dims, const Sight *sight, 
         for (int n = 0; n < sight->obstacles; n++)
             points[n] = (Point){{obstacles[2 * n], obstacles[2 * n + 1]}, 1.0};
         return sight->obstacles;
-    case TRACKED_MARGIN:
-        if (!(numbers[1] >= 0.0 && numbers[1] < sight->tracked))
+    case TRACKED_MARGIN: return see_object(objective, dims, sight, tracked, points);
+    case ATTRACTION:
+        if (!see_object(objective, dims, sight, tracked, points))
             return 0;
-        tracked += (int)numbers[1] * robot_size(dims);
-        for (int i = 0; i < dims; i++)
-            points->at[i] = tracked[1 + i] + objective->horizon_s * tracked[1 + dims + i];
-        points->mark = 1.0;
-        return tracked[0] != 0.0;
+        return 1 + see_mates(objective, d, dims, view[0], drift, mate, sight->mates, points + 1);
     case GEOFENCE:
-        memcpy(points->at, numbers + 1, sizeof(double) * (objective->count - 1));
+        memcpy(points->at, objective->numbers + 1, sizeof(double) * (objective->count - 1));
         points->mark = 1.0;
         return 1;
     default:
-        return see_mates(objective, d, dims, view[0], drift, tracked + robot_size(dims) * sight->tracked,
-                         sight->mates, points);
+        return see_mates(objective, d, dims, view[0], drift, mate, sight->mates, points);
     }
 }
 

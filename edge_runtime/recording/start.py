@@ -8,6 +8,7 @@ import sys
 import time
 from importlib import metadata
 from pathlib import Path
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -31,6 +32,9 @@ from edge_runtime.recording.schema import (
     Start,
     Versions,
 )
+
+BELIEF_RADIUS_M: Final = 0.02
+"""Of the disc by which a place that is only believed in is drawn."""
 
 
 def make_start(mission: Mission, controller: Controller, run: str, *, bridge: str, dry_run: bool) -> Start:
@@ -108,7 +112,10 @@ def _fleet(mission: Mission) -> FleetIdentity:
         hashlib.sha256(fleet.path.read_bytes()).hexdigest(),
         fleet.team.arrival_m,
         tuple(RobotPlace(robot.id, robot.start_m, robot.goal_m) for robot in fleet.robots),
-        tuple(ObjectPlace(each.name, each.radius_m, each.goal_m) for each in fleet.tracked),
+        (
+            *(ObjectPlace(each.name, each.radius_m, each.goal_m) for each in fleet.tracked),
+            *(ObjectPlace(each.name, BELIEF_RADIUS_M) for each in fleet.beliefs),
+        ),
     )
 
 

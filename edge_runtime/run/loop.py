@@ -93,6 +93,7 @@ def drive(session: Session, bridge: Bridge, fleet: TeamLink, ending: Callable[[]
             monitor.judge_anew(guide, own.stamp_s)
         controller = session.controller
         timing.lap()
+        team = controller.believe(team)
         observation = controller.observe(team)
         timing.lap()
         guided = controller.act(observation, team, deadline_s + ACTION_SHARE * grid.period_s)

@@ -9,6 +9,7 @@ import numpy as np
 from edge_runtime.common.arrays import Floats
 from edge_runtime.motion.prediction import PredictedMotion
 from edge_runtime.objectives import (
+    Attraction,
     Clustering,
     Geofence,
     Objective,
@@ -156,6 +157,19 @@ def _clustering(objective: Clustering, motion: MotionBatch, outlook: OutlookBatc
     return _over(POSITION, 0.5 * cure * cure, slope)
 
 
+def _attraction(objective: Attraction, motion: MotionBatch, outlook: OutlookBatch) -> SlopeBatch:
+    gain, there = outlook.preview.position_gain, outlook.tracked_m(objective.object)
+    if not there.shape[1]:
+        return _over(POSITION, np.zeros(len(motion.position_m)), np.zeros_like(motion.position_m))
+    team = np.concatenate([motion.position_m[:, None], outlook.mates.position_m], 1)
+    apart = team.mean(1) - there[:, 0]
+    distance = np.sqrt(np.square(apart).sum(-1))
+    cure = distance / gain
+    pull = np.minimum(cure, objective.pull)
+    push = pull / (gain * np.where(distance == 0.0, 1.0, distance))
+    return _over(POSITION, team.shape[1] * pull * (cure - 0.5 * pull), push[:, None] * apart)
+
+
 def _passing(objective: Passing, motion: MotionBatch, outlook: OutlookBatch) -> SlopeBatch:
     gain, order = outlook.preview.position_gain, np.array(objective.order)
     own, mate = outlook.robot_id[:, None, None] == order, outlook.mate_id[..., None] == order
@@ -180,4 +194,5 @@ _BATCHED: dict[type[Objective], Callable[[Any, MotionBatch, OutlookBatch], Slope
     Clustering: _clustering,
     Passing: _passing,
     TrackedMargin: _tracked_margin,
+    Attraction: _attraction,
 }

@@ -12,6 +12,7 @@ from edge_runtime.motion.models import LinearTable, PointAcceleration, PointForc
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Clustering,
     Geofence,
     ObstacleMargin,
@@ -37,6 +38,7 @@ NEAR = {
     Passing: Passing(order=(1, 0), reach_m=0.6, clearance_m=0.4),
     ObstacleMargin: ObstacleMargin(distance_m=0.5),
     TrackedMargin: TrackedMargin(object="person", distance_m=0.5),
+    Attraction: Attraction(object="person"),
 }
 """Each asks for more than the robot of `scene` gives."""
 

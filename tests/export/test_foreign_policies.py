@@ -16,6 +16,7 @@ from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.messages import TeamState
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Clustering,
     Geofence,
     ObstacleMargin,
@@ -111,6 +112,7 @@ OBJECTIVES = {
     Passing: Passing(order=(3, 1, 2, 0)),
     ObstacleMargin: ObstacleMargin(distance_m=0.3),
     TrackedMargin: TrackedMargin(object="person", distance_m=0.3),
+    Attraction: Attraction(object="person"),
 }
 NOT_IN_SPACE = {Passing}
 """What says nothing of robots that may pass over one another."""
@@ -129,7 +131,7 @@ def test_an_objective_steers_each_body_or_is_refused_in_a_line(bundles, tmp_path
     def mission():
         return Mission(0, fleet, bundle, wanted, RATE_HZ)
 
-    if kind in (ObstacleMargin, TrackedMargin) or (name == "drone" and kind in NOT_IN_SPACE):
+    if kind in (ObstacleMargin, TrackedMargin, Attraction) or (name == "drone" and kind in NOT_IN_SPACE):
         with pytest.raises(ConfigError) as caught:
             mission().controller(0)
         assert "\n" not in str(caught.value)

@@ -145,7 +145,7 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
         (
             "",
             "robots: missing; allowed: robots, team, objectives, guidance, carrier, watch, obstacle, "
-            "tracked, simulation",
+            "tracked, belief, simulation",
         ),
         (ROBOTS * 2, "robots[1].id: 3 is taken by robots[0]"),
         (ROBOTS.replace("3", "-3"), "robots[0]: `id` must lie in [0, 65535], got -3"),
@@ -208,7 +208,7 @@ def test_ctrl_c_while_a_module_is_imported_is_no_fault_of_the_module(write, tmp_
         (
             ROBOTS + "[teem]",
             "teem: unknown key; allowed: robots, team, objectives, guidance, carrier, watch, obstacle, "
-            "tracked, simulation",
+            "tracked, belief, simulation",
         ),
         (
             ROBOTS + "[[obstacle]]\ncentre_m = [0, 0]",

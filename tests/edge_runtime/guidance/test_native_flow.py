@@ -20,6 +20,7 @@ from edge_runtime.messages import RobotState, Teammate, TeamState, TrackedObject
 from edge_runtime.motion.unicycle import Unicycle
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Clustering,
     Geofence,
     Objective,
@@ -48,6 +49,9 @@ BUILDERS = {
     ObstacleMargin: st.builds(ObstacleMargin, distance_m=number, **share),
     TrackedMargin: st.builds(
         TrackedMargin, object=st.sampled_from(["door", "person", "ghost"]), distance_m=number, **share
+    ),
+    Attraction: st.builds(
+        Attraction, object=st.sampled_from(["door", "person", "ghost"]), pull=number, **share
     ),
     Geofence: st.builds(Geofence, centre_m=centre, radius_m=number, **share),
     Spacing: st.builds(Spacing, distance_m=number, **share),
@@ -130,6 +134,7 @@ EACH = [
     Clustering(radius_m=0.2),
     SpatialOrder(order=(2, 0, 3, 1), gap_m=0.2),
     Passing(order=(2, 3, 1, 0), reach_m=2.0, margin_m=1.0, clearance_m=0.5),
+    Attraction(object="person"),
 ]
 
 
@@ -166,6 +171,7 @@ def test_robots_at_one_place_part_alike(dims):
             Spacing(distance_m=0.1),
             EACH[6],
             TrackedMargin(object="door", distance_m=1.0),
+            Attraction(object="door"),
         ):
             guide = guide_for([objective], model, mode="terminal", scale=1e-12)
             agree(*both(guide, model, team))

@@ -12,6 +12,7 @@ from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.motion.point import PointForce
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Objective,
     ObstacleMargin,
     SafetyMargin,
@@ -27,6 +28,7 @@ OBJECTIVES = [
     SafetyMargin(distance_m=0.6, look_ahead=8),
     ObstacleMargin(distance_m=0.3),
     TrackedMargin(object="person", distance_m=0.3),
+    Attraction(object="person", pull=2.0),
 ]
 
 

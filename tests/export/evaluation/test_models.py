@@ -15,6 +15,7 @@ from edge_runtime.messages import TrackedObject
 from edge_runtime.motion.outlook import look_ahead
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Clustering,
     Geofence,
     Objective,
@@ -65,6 +66,7 @@ OBJECTIVES = [
     Passing(order=(1, 0, 3, 2), reach_m=1.0, clearance_m=0.3),
     ObstacleMargin(distance_m=0.4),
     TrackedMargin(object="person", distance_m=0.4),
+    Attraction(object="person", pull=3.0),
     LookNorth(look_ahead=3),
     Ceiling(height_m=0.1),
 ]

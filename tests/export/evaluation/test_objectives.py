@@ -6,6 +6,7 @@ from guidance_cases import DYNAMICS
 
 from edge_runtime.objectives import (
     BUILT_IN,
+    Attraction,
     Clustering,
     Geofence,
     Objective,
@@ -55,6 +56,8 @@ OBJECTIVES = [
     Passing(order=(2, 0, 1), reach_m=0.6, margin_m=0.1, clearance_m=0.4, pull=0.5, look_ahead=1),
     TrackedMargin(object="person", distance_m=0.3),
     TrackedMargin(object="person", distance_m=0.6, look_ahead=1),
+    Attraction(object="person"),
+    Attraction(object="person", pull=9.0, look_ahead=1),
     StayNorth(line_m=0.1),
     HalfAsFast(limit_m_s=0.3),
 ]
@@ -97,8 +100,11 @@ def test_batched_and_single_agree(objective, mates):
     assert not mates or ones.any()
 
 
-def test_an_object_that_nobody_tracks_is_kept_clear_of_by_nobody():
-    many, ones = both(TrackedMargin(object="door", distance_m=9.0), random_teams(1, 0.4))
+@pytest.mark.parametrize(
+    "objective", [TrackedMargin(object="door", distance_m=9.0), Attraction(object="door")]
+)
+def test_an_object_that_nobody_tracks_costs_nothing(objective):
+    many, ones = both(objective, random_teams(1, 0.4))
     assert not many.any() and not ones.any()
 
 
