@@ -16,6 +16,7 @@ from edge_runtime.objectives import Objective
 from edge_runtime.policy.backend import make_policy
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.velocity_field import VelocityField
+from export.episodes.belief import believing
 from export.episodes.ease import eased
 from export.episodes.play import Decide, MakeDecide, Observations, sampled
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
@@ -27,6 +28,12 @@ Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 
 def decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     """What a method decides with a policy."""
+    decide = _decider(task, settings, bundle)
+    believes = isinstance(settings, Guided | Descent | Shield) and settings.belief and task.belief
+    return believing(decide, task.objectives) if believes else decide
+
+
+def _decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
@@ -35,9 +42,9 @@ def decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
-        return _post_processed(partial(descend, settings), _asked(task, settings.deconfliction), bundle)
+        return _post_processed(partial(descend, settings), _asked(task, settings), bundle)
     if isinstance(settings, Shield):
-        return _post_processed(partial(shield, settings), task.objectives, bundle)
+        return _post_processed(partial(shield, settings), _asked(task, settings), bundle)
     return _preferring(settings.preference, bundle)
 
 
@@ -45,7 +52,7 @@ def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
     """The objectives of a guided flow, made ready."""
     objectives = tuple(
         replace(o, look_ahead=(settings.look_ahead or o.look_ahead) * settings.look_ahead_factor)
-        for o in _asked(task, settings.deconfliction)
+        for o in _asked(task, settings)
     )
     guide = make_guide(ObjectiveSet(objectives, settings.guidance), bundle.manifest.motion)
     corrected = tuple(sorted(guide.preferences + guide.requirements))
@@ -100,8 +107,9 @@ def combine_teams(
     return joint.reshape(rows, size)
 
 
-def _asked(task: Task, deconfliction: bool) -> tuple[Objective, ...]:
-    return (*task.objectives, *task.deconfliction) if deconfliction else task.objectives
+def _asked(task: Task, settings: Guided | Descent | Shield) -> tuple[Objective, ...]:
+    parted = not isinstance(settings, Shield) and settings.deconfliction
+    return task.objectives + task.deconfliction * parted + task.belief * settings.belief
 
 
 def _mean(bundle: Bundle) -> MakeDecide:

@@ -24,6 +24,8 @@ class Guided(_Settings, frozen=True, tag="guided"):
     guidance: GuidanceSettings
     deconfliction: bool = False
     """With what keeps robots out of each other's way, where the task has it."""
+    belief: bool = False
+    """Drawn to where the robots believe most to be left, where the task has it."""
     look_ahead: int | None = None
     """Of all objectives, in control steps; None for their own."""
     look_ahead_factor: int = 1
@@ -64,6 +66,8 @@ class Descent(_Settings, frozen=True, tag="descent"):
     steps: int = 20
     deconfliction: bool = False
     """With what keeps robots out of each other's way, where the task has it."""
+    belief: bool = False
+    """See `Guided.belief`."""
 
     def __str__(self) -> str:
         return f"radius {self.radius:g}, rate {self.rate:g}, {self.steps} steps"
@@ -74,6 +78,8 @@ class Shield(_Settings, frozen=True, tag="shield"):
 
     rounds: int = 1
     """Of projections onto every objective's safe set in turn."""
+    belief: bool = False
+    """See `Guided.belief`."""
 
     def __str__(self) -> str:
         return f"{self.rounds} rounds"

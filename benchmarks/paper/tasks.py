@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from edge_runtime.objectives import Objective, Passing
+from edge_runtime.objectives import Attraction, Objective, Passing
+from export.episodes.belief import RICHEST
 from export.episodes.judges import Judge, make_judge
 from export.scenarios import scenario_facts
 from export.scenarios.definitions import BALANCE, DEFINITIONS, Definition
@@ -37,6 +38,8 @@ class Task:
     """Nominal, first and second execution objective."""
     deconfliction: tuple[Objective, ...] = ()
     """What our own methods add so that robots get out of each other's way; nobody is judged by it."""
+    belief: tuple[Objective, ...] = ()
+    """What draws robots to where they believe most samples to be left; nobody is judged by it."""
 
     @property
     def robots(self) -> int:
@@ -62,6 +65,7 @@ METRICS = {
     ),
 }
 DECONFLICTION = {"balance": (Passing(order=BALANCE.spatial_order.order),)}
+BELIEF = {"sampling": (Attraction(object=RICHEST),)}
 
 
 def make_task(name: str, definition: Definition) -> Task:
@@ -73,6 +77,7 @@ def make_task(name: str, definition: Definition) -> Task:
         partial(make_judge, definition),
         METRICS[name],
         DECONFLICTION.get(name, ()),
+        BELIEF.get(name, ()),
     )
 
 
