@@ -10,6 +10,7 @@ from doc_pages import ROOT, blocks
 import edge_runtime
 
 NAMES = [
+    "Belief",
     "Bundle",
     "EdgeError",
     "GuidanceSettings",
@@ -40,7 +41,7 @@ def test_the_public_names_stay():
     assert sorted(edge_runtime.__all__) == sorted(NAMES)
     for name in NAMES:
         assert getattr(edge_runtime, name) is not None
-    with pytest.raises(AttributeError, match="has no attribute 'load_bundel'; it offers Bundle, "):
+    with pytest.raises(AttributeError, match="has no attribute 'load_bundel'; it offers Belief, "):
         _ = edge_runtime.load_bundel
 
 

@@ -49,7 +49,7 @@ def cost_of(objective, team, action):
 
 def test_formations_are_preferences_and_safety_is_required():
     names = {kind.__struct_config__.tag for kind in BUILT_IN if kind.preference}
-    assert names == {"spatial_order", "spacing", "clustering"}
+    assert names == {"spatial_order", "spacing", "clustering", "attraction"}
     assert not Objective.preference
 
 

@@ -230,25 +230,32 @@ HOSTILE = (-1.0, 0.5, 1e300, math.inf, math.nan)
     "wrong",
     [
         [],
-        term(0.0, 0.2, 0.1)[:4],
-        term(0.0, 0.2, 0.1)[:-1],
-        term(0.0, 0.2),
-        term(0.0, 0.2, 0.1, 0.3),
-        term(1.0),
-        term(1.0, 0.2, 0.3),
-        term(4.0, 0.2, 0.3),
-        term(4.0, 0.2, 0.3, 0.4, 0.5),
-        term(7.0, 0.2),
-        term(8.0, 0.2, 0.3, 0.4),
-        term(9.0),
-        *(term(kind, 0.2, 0.1) for kind in (*HOSTILE, 10.0)),
-        *(term(0.0, 0.2, 0.1, model=model) for model in (*HOSTILE, 0.0, 13.0, 15.0)),
-        *(term(7.0, 0.2, 0.1, count=count) for count in (*HOSTILE, 1.0, 3.0, 2147483648.0)),
-        *(term(0.0, 0.2, 0.1, preference=preference) for preference in (*HOSTILE, 2.0)),
+        term("speed_limit", 0.2, 0.1)[:4],
+        term("speed_limit", 0.2, 0.1)[:-1],
+        term("speed_limit", 0.2),
+        term("speed_limit", 0.2, 0.1, 0.3),
+        term("safety_margin"),
+        term("safety_margin", 0.2, 0.3),
+        term("attraction", 0.2),
+        term("attraction", 0.2, 0.0, 0.3),
+        term("geofence", 0.2, 0.3),
+        term("geofence", 0.2, 0.3, 0.4, 0.5),
+        term("spatial_order", 0.2),
+        term("passing", 0.2, 0.3, 0.4),
+        term("python"),
+        *(term(kind, 0.2, 0.1) for kind in (*HOSTILE, "of no kind")),
+        *(term("speed_limit", 0.2, 0.1, model=model) for model in (*HOSTILE, 0.0, 13.0, 15.0)),
+        *(term("spatial_order", 0.2, 0.1, count=count) for count in (*HOSTILE, 1.0, 3.0, 2147483648.0)),
+        *(term("speed_limit", 0.2, 0.1, preference=preference) for preference in (*HOSTILE, 2.0)),
     ],
 )
 def test_the_kernel_refuses_terms_that_do_not_hold_what_they_say(make_compiled, wrong):
-    net, right = make_compiled(random_weights(), 3)._network, term(0.0, 0.2, 0.1)
+    policy, right = make_compiled(random_weights(), 3), term("speed_limit", 0.2, 0.1)
+    net, kinds = policy._network, policy._kinds
+    right, wrong = (
+        [kinds.get(each, len(kinds)) if isinstance(each, str) else each for each in stated]
+        for stated in (right, wrong)
+    )
     sample(net, [*program(1), *right])
     for place, terms in ((0, [wrong]), (1, [right, wrong])):
         flat = [number for each in terms for number in each]
