@@ -35,7 +35,7 @@ firmware_bridge.sil.firmware firmware_bridge.sil.network
 firmware_bridge.sil.harness
 firmware_bridge.sil.judge
 firmware_bridge.sil
-export.bundle export.common export.evaluation
+export.beliefs export.bundle export.common export.evaluation
 export.algorithms export.onnx export.scenarios
 export.episodes
 export.training

@@ -7,9 +7,9 @@ import numpy as np
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.objectives import Geofence, Objective
+from export.beliefs.sample_belief import SampleBelief
 from export.episodes.play import Decide, MakeDecide, Observations
 from export.evaluation.outlook import MotionBatch, TeamBatch
-from export.scenarios.sample_belief import SampleBelief
 
 RICHEST = "richest"
 """What objectives call the place."""
@@ -22,7 +22,7 @@ def believing(make_decide: MakeDecide, objectives: Sequence[Objective]) -> MakeD
         make_decide: who decides, by observations that end in the eight readings of Sampling.
         objectives: what is asked of them: where they may not go, nothing is to be gathered.
     """
-    closed = [each for each in objectives if isinstance(each, Geofence)]
+    closed = [(*zone.centre_m[:2], zone.radius_m) for zone in objectives if isinstance(zone, Geofence)]
 
     def prepare(batch: int) -> Decide:
         decide, belief = make_decide(batch), SampleBelief(batch, closed)

@@ -8,16 +8,10 @@ cell.
 import torch
 from torch import Tensor
 
+from export.beliefs.sample_belief import CELL_M, CELLS, HALF_WIDTH_M, VARIANCE_M2
 from export.scenarios.vmas_teams import State
 
-HALF_WIDTH_M = 1.0
-"""The field is a square around the origin."""
-CELL_M = 0.05
-CELLS = round(2 * HALF_WIDTH_M / CELL_M)
-"""Along each axis."""
 BUMPS = 3
-VARIANCE_M2 = 0.05
-"""Of each bump, along each axis."""
 
 
 class SampleField:

@@ -11,15 +11,14 @@ from vmas.scenarios.sampling import Scenario as VmasSampling
 from edge_runtime.motion.body import Body
 from edge_runtime.motion.models import PointForce
 from edge_runtime.observation import Ranges, Sensor
+from export.beliefs.sample_belief import HALF_WIDTH_M, WALL_M
 from export.scenarios.lidar import disc_ranges
-from export.scenarios.sample_field import BUMPS, HALF_WIDTH_M, SampleField
+from export.scenarios.sample_field import BUMPS, SampleField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
 from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams
 
 ROBOTS = 3
 RADIUS_M = 0.025
-WALL_M = HALF_WIDTH_M - RADIUS_M
-"""Robots' centres stay within a square of this half-width."""
 NEIGHBOUR_CELLS = (7, 1, 5, 3, 0, 6, 2, 8)
 """VMAS's order of the neighbouring samples: of a 3 x 3 window by x, then y, without the robot's own."""
 START_SPEED_M_S = 0.3

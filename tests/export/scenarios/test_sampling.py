@@ -5,8 +5,9 @@ import pytest
 import torch
 import vmas
 
+from export.beliefs.sample_belief import WALL_M
 from export.scenarios import make_scenario
-from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S, WALL_M
+from export.scenarios.sampling import CLUSTER_M, CLUSTERED_SHARE, FACTS, RADIUS_M, START_SPEED_M_S
 from export.scenarios.scenario import EpisodeMetrics
 
 CPU = torch.device("cpu")

@@ -5,10 +5,16 @@ import pytest
 import torch
 
 from edge_runtime.messages import Reading, RobotState, Teammate, TeamState
-from edge_runtime.objectives import Geofence
+from export.beliefs.sample_belief import (
+    AROUND_M,
+    CELL_M,
+    CELLS,
+    HALF_WIDTH_M,
+    USUAL,
+    Richest,
+    SampleBelief,
+)
 from export.scenarios import make_scenario
-from export.scenarios.sample_belief import AROUND_M, USUAL, Richest, SampleBelief
-from export.scenarios.sample_field import CELL_M, CELLS, HALF_WIDTH_M
 
 TEAMS = 6
 CELL = (np.arange(CELLS) + 0.5) * CELL_M - HALF_WIDTH_M
@@ -77,8 +83,8 @@ def test_far_from_all_readings_the_field_is_as_usual():
 
 
 def test_a_robot_believes_on_its_own_computer_what_it_does_in_an_evaluation():
-    draw, zone = np.random.default_rng(1), Geofence(centre_m=(0.1, 0.2), radius_m=0.3)
-    many, ones = SampleBelief(4, [zone]), [Richest(closed=[(0.1, 0.2, 0.3)]) for _ in range(4)]
+    draw, zone = np.random.default_rng(1), (0.1, 0.2, 0.3)
+    many, ones = SampleBelief(4, [zone]), [Richest(closed=[zone]) for _ in range(4)]
     for tick in range(8):
         place = draw.uniform(-0.9, 0.9, (4, 3, 2))
         readings = draw.uniform(0.0, 0.5, (4, 8)).astype(np.float32)
@@ -94,8 +100,7 @@ def test_a_robot_believes_on_its_own_computer_what_it_does_in_an_evaluation():
 
 
 def test_nothing_is_to_be_gathered_where_nobody_may_go():
-    zone = Geofence(centre_m=(0.1, 0.2), radius_m=0.3)
-    left = SampleBelief(1, [zone]).left()[0]
+    left = SampleBelief(1, [(0.1, 0.2, 0.3)]).left()[0]
     inside = np.hypot(CELL[:, None] - 0.1, CELL - 0.2) < 0.3
     assert not left[inside].any()
     assert left[~inside].all()

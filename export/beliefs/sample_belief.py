@@ -13,11 +13,17 @@ import numpy.typing as npt
 
 from edge_runtime.common.arrays import Floats
 from edge_runtime.messages import TeamState, Vector
-from edge_runtime.objectives import Geofence
 from edge_runtime.observation.belief import Belief
-from export.scenarios.sample_field import CELL_M, CELLS, HALF_WIDTH_M, VARIANCE_M2
-from export.scenarios.sampling import WALL_M
 
+HALF_WIDTH_M = 1.0
+"""The field of VMAS Sampling is a square around the origin."""
+CELL_M = 0.05
+CELLS = round(2 * HALF_WIDTH_M / CELL_M)
+"""Along each axis."""
+VARIANCE_M2 = 0.05
+"""Of each of its bumps, along each axis."""
+WALL_M = 0.975
+"""The robots' centres stay within a square of this half-width."""
 SPACING_M = 0.25
 """Between the bumps of the grid."""
 USUAL, SPREAD = 0.18, 0.24
@@ -28,6 +34,8 @@ WINDOW_M = 0.2
 """What a team there would gather lies within about so much."""
 SPEED_M_S, STAY_S = 0.4, 2.0
 """What is gathered there is set against the time: of the way, and of a stay."""
+Disc = tuple[float, float, float]
+"""x, y and radius in m."""
 PAUSE = 5
 """Ticks from one choice of a place to the next."""
 AROUND_M = CELL_M * np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (-1, -1), (1, -1), (-1, 1), (1, 1)])
@@ -49,10 +57,10 @@ _GATHERED = _near(_PLACE, _CELL, WINDOW_M**2)
 _PLACES = np.stack(np.meshgrid(_PLACE, _PLACE, indexing="ij"), -1).reshape(-1, 2)
 
 
-def _within(closed: Sequence[Geofence]) -> npt.NDArray[np.bool_]:
+def _within(closed: Sequence[Disc]) -> npt.NDArray[np.bool_]:
     """The cells (40, 40) inside of zones."""
     cells = np.stack(np.meshgrid(_CELL, _CELL, indexing="ij"), -1)
-    inside = [np.linalg.norm(cells - zone.centre_m[:2], axis=-1) < zone.radius_m for zone in closed]
+    inside = [np.linalg.norm(cells - (x, y), axis=-1) < radius_m for x, y, radius_m in closed]
     return np.any(inside, 0) if inside else np.zeros((CELLS, CELLS), bool)
 
 
@@ -62,13 +70,12 @@ class SampleBelief:
     Args:
         robots: B.
         closed: where nobody may go, and nothing is to be gathered.
-        wall_m: robots read at the nearest place within a square of this half-width.
     """
 
-    def __init__(self, robots: int, closed: Sequence[Geofence] = (), wall_m: float = WALL_M) -> None:
+    def __init__(self, robots: int, closed: Sequence[Disc] = ()) -> None:
         share = VARIANCE_M2 / SPACING_M**2  # of a bump's integral in a cell of the grid
         precision, weights = np.pi * share / SPREAD**2, len(_BUMP) ** 2
-        self._wall, self._rows = wall_m, np.arange(robots)[:, None]
+        self._rows = np.arange(robots)[:, None]
         self._precision = np.tile(precision * np.eye(weights, dtype=np.float32), (robots, 1, 1))
         self._told = np.full((robots, weights), precision * USUAL / (2.0 * np.pi * share), np.float32)
         self._ticks, self._best_m = 0, np.zeros((robots, 2))
@@ -101,13 +108,13 @@ class SampleBelief:
 
     def _pass(self, place_m: Floats) -> None:
         """Empty the cells at (B, N, 2)."""
-        cell = (np.clip(place_m, -self._wall, self._wall) / CELL_M + CELLS / 2).astype(np.int64)
+        cell = (np.clip(place_m, -WALL_M, WALL_M) / CELL_M + CELLS / 2).astype(np.int64)
         self._empty[self._rows, cell[..., 0], cell[..., 1]] = True
 
     def _read(self, place_m: Floats, readings: Floats) -> None:
         """Learn from readings (B, R) at (B, R, 2); a zero only tells of an empty cell."""
         along_x, along_y = (
-            _near(np.clip(place_m[..., axis], -self._wall, self._wall), _BUMP, VARIANCE_M2) for axis in (0, 1)
+            _near(np.clip(place_m[..., axis], -WALL_M, WALL_M), _BUMP, VARIANCE_M2) for axis in (0, 1)
         )
         share = np.where(readings > 0.0, 1.0 / ERROR, 0.0)[..., None]
         rows = (along_x[..., :, None] * along_y[..., None, :]).reshape(*readings.shape, -1)
@@ -127,12 +134,11 @@ class Richest(Belief):
     """Where one robot believes most to be left, for a fleet file's ``[[belief]]``.
 
     Args:
-        closed: discs (x, y, radius) in m where nobody may go.
+        closed: where nobody may go.
     """
 
-    def __init__(self, closed: Sequence[tuple[float, float, float]] = ()) -> None:
-        zones = [Geofence(centre_m=(x, y), radius_m=radius_m) for x, y, radius_m in closed]
-        self._belief = SampleBelief(1, zones)
+    def __init__(self, closed: Sequence[Disc] = ()) -> None:
+        self._belief = SampleBelief(1, closed)
 
     def follow(self, team: TeamState) -> Vector | None:
         """Take one tick in; None where nobody has read anything."""
