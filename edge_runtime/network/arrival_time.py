@@ -21,7 +21,20 @@ ANCILLARY_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
 STEADY_S: Final = 1e-3
 """Greatest change of the clocks' distance between two drains: slewing takes 0.5 ms in a second."""
 
+TOGETHER_S: Final = 1e-4
+"""Two clocks that are read within so much count as read at one moment."""
+
 Ancillary = Sequence[tuple[int, int, bytes]]
+
+
+def clocks_together(
+    clock: Callable[[], float] = time.monotonic, wall: Callable[[], float] = time.time
+) -> tuple[float, float]:
+    """Read the monotonic and the wall clock at one moment: who is held up between them reads them again."""
+    while True:
+        now_s, wall_s = clock(), wall()
+        if clock() - now_s <= TOGETHER_S:
+            return now_s, wall_s
 
 
 class ArrivalClock:
@@ -40,16 +53,16 @@ class ArrivalClock:
         wall: Callable[[], float] = time.time,
     ) -> None:
         self._clock, self._wall = clock, wall
-        self._distance_s = clock() - wall()
+        self._now_s, wall_s = clocks_together(clock, wall)
+        self._distance_s = self._now_s - wall_s
         self._trusted = False
-        self._now_s = 0.0
         if sys.platform == "linux":
             receiver.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def begin(self) -> None:
         """Start a drain."""
-        self._now_s = self._clock()
-        distance_s = self._now_s - self._wall()
+        self._now_s, wall_s = clocks_together(self._clock, self._wall)
+        distance_s = self._now_s - wall_s
         if abs(distance_s - self._distance_s) > STEADY_S:
             self._trusted = False
         self._distance_s = distance_s

@@ -1,14 +1,13 @@
 """What firmware hangs on: a python-can bus, a UDP socket of this machine."""
 
 import contextlib
-import math
-import time
 from collections.abc import Iterator
 from typing import Final, Protocol, TypeVar
 
 import can
 
 from edge_runtime.config.network import Endpoint
+from edge_runtime.network.arrival_time import clocks_together
 from edge_runtime.network.datagrams import listen
 from firmware_bridge.can.bus import bus_arguments
 from firmware_bridge.can.frame import Frame
@@ -16,8 +15,6 @@ from firmware_bridge.sil.scenario.ports import HOST, TAKEN
 
 LONGEST_QUEUE_S: Final = 1.0
 """No packet waits longer to be read."""
-TOGETHER_S: Final = 1e-4
-"""Two clocks that were read within it were read at the same time."""
 _DATAGRAM_BYTES: Final = 2048
 
 Packet = TypeVar("Packet")
@@ -110,8 +107,6 @@ def to_monotonic(stamp_s: float) -> float:
 
     A stamp from before the wall clock was set means nothing: then the packet counts as arriving now.
     """
-    now_s = -math.inf
-    while time.monotonic() - now_s > TOGETHER_S:  # who was held up between the clocks reads them again
-        now_s, wall_s = time.monotonic(), time.time()
+    now_s, wall_s = clocks_together()
     waited_s = wall_s - stamp_s
     return now_s - waited_s if 0.0 <= waited_s < LONGEST_QUEUE_S else now_s

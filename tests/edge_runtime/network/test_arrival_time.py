@@ -8,7 +8,7 @@ import time
 import pytest
 from waiting import until
 
-from edge_runtime.network.arrival_time import ArrivalClock
+from edge_runtime.network.arrival_time import ArrivalClock, clocks_together
 from edge_runtime.network.udp import UdpCarrier
 
 STAMP_KIND = 35
@@ -37,6 +37,11 @@ class Clocks:
         if empties:
             self.arrivals.emptied()
         return told
+
+
+def test_who_is_held_up_between_the_clocks_reads_them_again():
+    monotonic, wall = iter([1.0, 1.001, 1.5, 1.50001]), iter([101.001, 101.5])
+    assert clocks_together(lambda: next(monotonic), lambda: next(wall)) == (1.5, 101.5)
 
 
 def test_a_stamp_tells_the_arrival_in_monotonic_time():
