@@ -1,12 +1,16 @@
 """The rows of the table: a run of edge-sil each, and what must be seen in its report."""
 
+import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
+import edge_runtime
 from edge_runtime.control.rate import Percentiles
 from edge_runtime.control.start import PATIENCE
 from firmware_bridge.sil.report.records import RobotQuality, SilReport
 
+FLEETS = Path(edge_runtime.__file__).parent / "fleets"
 POSE_MS = 3.0
 """With real-time scheduling, p99 of the time within which a pose is a command at the firmware."""
 POSE_SHORT_MS = 6.0
@@ -38,8 +42,8 @@ class Case(NamedTuple):
     faults: str = ""
     """A timeline; {half}, {whole}, {duration} and {frames} are put in."""
     realtime: bool = True
-    fleet: str = ""
-    """Of those in `edge_runtime/fleets`; empty: a team that edge-sil makes."""
+    fleet: Path | None = None
+    """The team's file; None: a team that edge-sil makes."""
     pose_hz: float = 0.0
     """Of a pose stream; 0: the firmware tells poses."""
     own_clock: bool = False
@@ -83,7 +87,7 @@ def cases() -> tuple[Case, ...]:
             _loss,
             _show_loss,
             faults='kind = "loss"\nat_s = 0.0\nfor_s = {duration}\nshare = 0.2',
-            fleet="zenoh.toml",
+            fleet=FLEETS / "zenoh.toml",
         ),
         Case(
             "3 s blackout",
@@ -99,8 +103,8 @@ def cases() -> tuple[Case, ...]:
             _killed,
             _show_killed,
             short_s=11.0,
-            # While it stands near its start: nobody senses a dead robot, so none may lie in the others' way.
-            faults='kind = "kill"\nat_s = 0.1\nrobot = 3',
+            faults='kind = "kill"\nat_s = 1.0\nrobot = 3',
+            fleet=Path(__file__).with_name("lane.toml"),
         ),
         Case(
             "hostile frames",
@@ -277,9 +281,10 @@ def _oldest_used(report: SilReport) -> str:
 def _killed(report: SilReport) -> Iterator[str]:
     yield from _no_collision(report)
     yield from _stale(report)
-    away = [robot.robot_id for robot in _driving(report) if not robot.goals_reached]
-    if away:
-        yield f"robots {away} did not arrive"
+    for robot in _driving(report):
+        if not robot.goals_reached:
+            away_m = math.inf if robot.goal_distance_m is None else robot.goal_distance_m
+            yield f"robot {robot.robot_id} did not arrive: {away_m:.2f} m away"
 
 
 def _show_killed(report: SilReport) -> str:

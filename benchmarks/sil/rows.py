@@ -14,6 +14,8 @@ from firmware_bridge.sil.report.records import SilReport
 
 ATTEMPTS = 3
 """Runs of a case that only come late, or that the machine disturbs."""
+STARVED = "no fresh command"
+"""A guard says so whose runtime was not given the processor for its deadline, or did not take it."""
 OVERHEAD_BYTES = 28
 """IPv4 and UDP headers."""
 
@@ -73,8 +75,9 @@ def keep(path: Path, measured: SilResults) -> None:
 def settled_row(case: Case, run: Callable[[], SilReport]) -> CaseRow:
     """Judge runs of a case until one tells something, ATTEMPTS at most; the last counts.
 
-    A robot that is a moment late tells of its code or of who shares its machine: code is late again. What
-    is no matter of time, such as a collision, is never tried twice on a quiet machine.
+    A robot that is a moment late tells of its code or of who shares its machine: code is late again. So does
+    one that its guard stopped for that, and nothing else that it then lacks tells more. What is no matter of
+    time, such as a collision, is never tried twice on a quiet machine.
     """
     late_before, report = 0, run()
     while late_before + 1 < ATTEMPTS and _tells_nothing(case, report):
@@ -83,9 +86,14 @@ def settled_row(case: Case, run: Callable[[], SilReport]) -> CaseRow:
 
 
 def _tells_nothing(case: Case, report: SilReport) -> bool:
-    missing = list(case.judge(report))
+    missing = _missing(case, report)
     only_late = all(isinstance(words, Late) for words in missing)
-    return bool(missing) and (only_late or bool(report.disturbed))
+    starved = any(STARVED in words for words in report.ended)
+    return bool(missing) and (only_late or starved or bool(report.disturbed))
+
+
+def _missing(case: Case, report: SilReport) -> tuple[str, ...]:
+    return (*case.judge(report), *report.ended)
 
 
 def row_of(case: Case, report: SilReport) -> CaseRow:
@@ -94,7 +102,7 @@ def row_of(case: Case, report: SilReport) -> CaseRow:
         case.name,
         case.asked,
         case.show(report),
-        tuple(map(str, case.judge(report))),
+        tuple(map(str, _missing(case, report))),
         report.robots_count,
         report.rate_hz,
         report.disturbed,

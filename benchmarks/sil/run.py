@@ -8,7 +8,6 @@ from pathlib import Path
 
 import msgspec
 
-import edge_runtime
 from benchmarks.sil.cases import Case
 from benchmarks.sil.clock import own_clock
 from edge_runtime.common.child import python_command
@@ -16,7 +15,6 @@ from edge_runtime.errors import BridgeError
 from firmware_bridge.sil.report.records import SilReport
 from firmware_bridge.sil.scenario.team_file import write_key
 
-FLEETS = Path(edge_runtime.__file__).parent / "fleets"
 SLOW = '[[objectives]]\ntype = "speed_limit"\nlimit_m_s = 0.15\n'
 HOSTILE_FRAMES, HOSTILE_FRAMES_SHORT = 100_000, 5_000
 
@@ -62,10 +60,10 @@ def edge_sil(folder: Path, flags: Sequence[object], environment: Mapping[str, st
     return msgspec.json.decode(report, type=SilReport)
 
 
-def _fleet(name: str, folder: Path) -> Path:
+def _fleet(path: Path, folder: Path) -> Path:
     write_key(folder / "team.key")
-    (folder / name).write_bytes((FLEETS / name).read_bytes())
-    return folder / name
+    (folder / path.name).write_bytes(path.read_bytes())
+    return folder / path.name
 
 
 def _timeline(case: Case, folder: Path, duration_s: float, *, short: bool) -> Path:

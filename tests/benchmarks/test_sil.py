@@ -150,6 +150,19 @@ def test_what_is_no_matter_of_time_is_tried_again_only_if_the_machine_was_distur
     assert next(runs, None) is None
 
 
+def test_a_run_whose_guards_were_starved_is_repeated_and_one_whose_robot_failed_is_not():
+    case = CASES["neighbour killed"]
+    stranded = robot(0, goals_reached=0, goal_distance_m=1.2)
+    starved = "robot_0 ended with 1: edge-run: the guard stopped the robot: no fresh command for 60 ms"
+    runs = iter([report(stranded, ended=(starved,)), report(robot(0))])
+    row = settled_row(case, lambda: next(runs))
+    assert (row.missing, row.late_before) == ((), 1)
+    failing = "robot_0 ended with 1: edge-run: the policy's action is not finite"
+    runs = iter([report(stranded, ended=(failing,))])
+    row = settled_row(case, lambda: next(runs))
+    assert row.missing == ("robot 0 did not arrive: 1.20 m away", failing) and row.late_before == 0
+
+
 def test_traffic_counts_headers_and_the_time_that_a_robot_drove():
     size = size_of(report(robot(0, sent_messages=300, driven_s=10.0), robot(1, sent_messages=100)), 1)
     assert size.sent_bytes_a_second == pytest.approx((30 + 100 / 30) / 2 * (FRAME_BYTES + 28))
