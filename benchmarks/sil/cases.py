@@ -209,7 +209,6 @@ def _show_counted(report: SilReport) -> str:
 
 
 def _pose_age(report: SilReport) -> Iterator[str]:
-    yield from report.ended  # its guard's commands to stop rest on no pose
     most_ms = POSE_MS if report.duration_s * report.rate_hz >= SHORT_TICKS else POSE_SHORT_MS
     if not report.machine.realtime:
         most_ms = PATIENCE * 1e3 / report.rate_hz
@@ -344,7 +343,6 @@ def _show_swapped(report: SilReport) -> str:
 
 
 def _jumped(report: SilReport) -> Iterator[str]:
-    yield from report.ended
     for robot in _driving(report):
         if robot.deadline_misses:
             yield Late(f"robot {robot.robot_id} missed {robot.deadline_misses} ticks")
@@ -359,7 +357,6 @@ def _show_jumped(report: SilReport) -> str:
 
 
 def _soaked(report: SilReport) -> Iterator[str]:
-    yield from report.ended
     yield from _no_collision(report)
     for process in report.processes:
         if process.memory_growth_mib >= 1.0:

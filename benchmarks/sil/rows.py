@@ -93,6 +93,7 @@ def _tells_nothing(case: Case, report: SilReport) -> bool:
 
 
 def _missing(case: Case, report: SilReport) -> tuple[str, ...]:
+    """Return what was not seen; nobody may end whom nobody asked to."""
     return (*case.judge(report), *report.ended)
 
 
