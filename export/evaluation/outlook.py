@@ -21,6 +21,10 @@ POSITION, VELOCITY = [0, 1, 4], [2, 3, 5]
 """Where those of position and velocity stand."""
 
 
+Rows = npt.NDArray[np.intp]
+"""Which of B robots, by their places."""
+
+
 class MotionBatch(NamedTuple):
     """Motions of robots, any leading axes: the batched `PredictedMotion`."""
 
@@ -39,7 +43,7 @@ class MotionBatch(NamedTuple):
         nothing = np.zeros(position_m.shape[:-1])
         return cls(position_m, velocity_m_s, nothing, nothing)
 
-    def take(self, index: int | tuple[int, ...]) -> "MotionBatch":
+    def take(self, index: int | tuple[int, ...] | Rows) -> "MotionBatch":
         """The motions at an index of the leading axes."""
         return MotionBatch(*(values[index] for values in self))
 
@@ -88,6 +92,17 @@ class TeamBatch:
         ids = np.tile(np.arange(robots), teams)
         around = MotionBatch(*map(seen, motion))
         return cls(ids, own, np.tile(mates, (teams, 1)), around, seen(action))
+
+    def take(self, rows: Rows) -> "TeamBatch":
+        """The views of some of the robots."""
+        return TeamBatch(
+            self.robot_id[rows],
+            self.own.take(rows),
+            self.mate_id[rows],
+            self.mates.take(rows),
+            self.mate_action[rows],
+            {name: motion.take(rows) for name, motion in self.tracked.items()},
+        )
 
     def row(self, index: int) -> TeamState:
         """One robot's view."""

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from functools import partial
-from itertools import takewhile
 from pathlib import Path
 
 import msgspec
@@ -15,43 +14,49 @@ from benchmarks.paper.frequency import tick_s
 from benchmarks.paper.methods import decider
 from benchmarks.paper.oracle.endings import GRACE_STEPS, navigation_kinds
 from benchmarks.paper.policies import digest
+from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.team_size.teams import Team, TeamRow
+from benchmarks.paper.team_size.teams import MIXED_KG, Team, TeamQuestion, TeamRow
 from benchmarks.paper.tuning import tuned_default
 from edge_runtime.common.arrays import Floats
-from edge_runtime.policy.bundle import load_bundle
-from export.episodes.judges import Flags, motion
+from edge_runtime.policy.adaptation import Adaptation, adapt
+from edge_runtime.policy.bundle import Bundle, load_bundle
+from export.episodes.judges import Flags, Follower, motion
 from export.episodes.neighbourhood import Setting
-from export.episodes.play import Decide, MakeDecide, Observations, play
-from export.evaluation.outlook import TeamBatch
-from export.scenarios.navigation import ARENA_HALF_WIDTH_M, FACTS, GOAL_TOLERANCE_M, Navigation
+from export.episodes.play import MakeDecide, play
+from export.episodes.some import by_kind, while_running
+from export.scenarios.navigation import GOAL_TOLERANCE_M, Navigation
 from export.scenarios.scenario import Scenario, Transition
 
-FARTHEST_GOAL_M = 2.0 * ARENA_HALF_WIDTH_M
-"""A side of the training's arena."""
 
-
-def measure(team: Team, seed: int, policy: Path, episodes: int) -> TeamRow:
-    """Play and sum up."""
-    task, bundle = TASKS["navigation"], load_bundle(policy)
-    tuned = tuned_default(task.name)
-    eased = replace(tuned, guidance=replace(tuned.guidance, ease_m=team.ease_m))
-    make_decide = decider(task, eased, bundle)
-    make_decide = familiar(make_decide) if team.familiar else make_decide
-    setting = Setting(episodes=episodes, episodes_seed=EVALUATION_SEED, neighbours=team.neighbours)
-    noise, world = 10_000 * EVALUATION_SEED, make_world(team, episodes)
-    follower = _Follower(episodes)
-    play(world, make_decide, follower, setting, team.steps, noise)
-    outcome, at_goal = follower.judge.outcome(), _at_goal(world)
-    at_goal[~follower.running] = 1.0
-    kinds = navigation_kinds(world, follower.judge, partial(_play_on, world, make_decide, setting, noise))
-    missed = Counter(kinds[number] for number in np.flatnonzero(~outcome.satisfied))
-    took = 0.1 * follower.steps[outcome.satisfied]
-    return TeamRow(
+def question(team: Team, seed: int, policy: Path, episodes: int) -> TeamQuestion:
+    """What is asked of one seed's policy under the tuned default."""
+    tuned = tuned_default("navigation")
+    seen = tuned if team.eased else replace(tuned, guidance=replace(tuned.guidance, ease_m=0.0))
+    return TeamQuestion(
         **msgspec.structs.asdict(team),
+        settings=seen,
         seed=seed,
         policy=digest(policy),
         episodes=episodes,
+        episodes_seed=EVALUATION_SEED,
+    )
+
+
+def measure(asked: TeamQuestion, policy: Path) -> TeamRow:
+    """Play and sum up."""
+    task, bundle, episodes = TASKS["navigation"], load_bundle(policy), asked.episodes
+    make_decide = team_decider(asked, asked.settings, bundle)
+    setting = Setting(episodes=episodes, episodes_seed=asked.episodes_seed, neighbours=asked.neighbours)
+    world, follower = make_world(asked, episodes, asked.episodes_seed), _Follower(episodes)
+    _play(world, make_decide, follower, setting, asked.steps)
+    outcome, at_goal = follower.judge.outcome(), _at_goal(world)
+    at_goal[~follower.running] = 1.0
+    kinds = navigation_kinds(world, follower.judge, partial(_play_on, world, make_decide, setting))
+    missed = Counter(kinds[number] for number in np.flatnonzero(~outcome.satisfied))
+    took = 0.1 * follower.steps[outcome.satisfied]
+    return TeamRow(
+        **msgspec.structs.asdict(asked),
         commit=commit(),
         success=100.0 * float(outcome.satisfied.mean()),
         at_goal=100.0 * float(at_goal.mean()),
@@ -60,15 +65,15 @@ def measure(team: Team, seed: int, policy: Path, episodes: int) -> TeamRow:
         margin=100.0 * float(outcome.second.mean()),
         time_to_goal_s=float(took.mean()) if len(took) else None,
         failures={kind: 100.0 * count / episodes for kind, count in sorted(missed.items())},
-        tick_us=1e6 * tick_s(task, bundle, _heard(team)),
+        tick_us=1e6 * tick_s(task, bundle, _heard(asked)),
     )
 
 
-def make_world(team: Team, episodes: int) -> Navigation:
+def make_world(team: Team, episodes: int, episodes_seed: int) -> Navigation:
     """The team's starts."""
     return Navigation(
         episodes,
-        10_000 * EVALUATION_SEED,
+        10_000 * episodes_seed,
         torch.device("cpu"),
         training=False,
         robots=team.robots,
@@ -77,33 +82,13 @@ def make_world(team: Team, episodes: int) -> Navigation:
     )
 
 
-def familiar(make_decide: MakeDecide) -> MakeDecide:
-    """Decide from observations as near as in training.
-
-    A place beyond the training's arena is observed on its border, and a goal farther than ``FARTHEST_GOAL_M``
-    in its direction at that distance, as a waypoint on the way to it would be.
-    """
-    place, goal = _columns("position"), _columns("goal_offset")
-
-    def prepare(batch: int) -> Decide:
-        decide = make_decide(batch)
-
-        def decide_nearby(seen: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
-            near = seen.copy()
-            near[:, place] = near[:, place].clip(-ARENA_HALF_WIDTH_M, ARENA_HALF_WIDTH_M)
-            distance = np.linalg.norm(near[:, goal], axis=1, keepdims=True)
-            near[:, goal] *= FARTHEST_GOAL_M / np.maximum(distance, FARTHEST_GOAL_M)
-            return decide(near, views, draw)
-
-        return decide_nearby
-
-    return prepare
-
-
-def _columns(name: str) -> slice:
-    """Where an observation holds a field."""
-    before = [field.size for field in takewhile(lambda field: field.name != name, FACTS.observation)]
-    return slice(sum(before), sum(before) + FACTS.observation[len(before)].size)
+def team_decider(team: Team, settings: Guided, bundle: Bundle) -> MakeDecide:
+    """What a team's robots decide, each by its own mass if it is told it; the policy stays as it is."""
+    own = partial(decider, TASKS["navigation"], settings)
+    if not team.mixed or not team.told:
+        return own(bundle)
+    adapted = [own(adapt(bundle, Adaptation(mass_kg=mass_kg))) for mass_kg in MIXED_KG]
+    return by_kind(adapted, [MIXED_KG.index(mass_kg) for mass_kg in team.masses_kg])
 
 
 class _Follower:
@@ -121,9 +106,17 @@ class _Follower:
         self.running = self.judge.running
 
 
-def _play_on(world: Navigation, make_decide: MakeDecide, setting: Setting, noise: int) -> Flags:
+def _play(
+    world: Navigation, make_decide: MakeDecide, follower: Follower, setting: Setting, steps: int
+) -> None:
+    play(
+        world, while_running(make_decide, follower), follower, setting, steps, 10_000 * setting.episodes_seed
+    )
+
+
+def _play_on(world: Navigation, make_decide: MakeDecide, setting: Setting) -> Flags:
     late = TASKS["navigation"].judge(world.environments)
-    play(world, make_decide, late, setting, GRACE_STEPS, noise)
+    _play(world, make_decide, late, setting, GRACE_STEPS)
     return late.outcome().satisfied
 
 

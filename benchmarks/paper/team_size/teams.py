@@ -1,19 +1,21 @@
 """The teams that are measured, and the rows of ``team_size.json``."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 
+from benchmarks.paper.policies import SEEDS
+from benchmarks.paper.settings import Guided
 from export.scenarios.definitions import NAVIGATION
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, ROBOTS
 
 SIZES = (2, 3, 4, 6, 8, 16, 32)
 HEARD = (3, 7)
 NARROW = (1.5, 2.0, 3.0)
-EASE_M = 0.1
 MIXED_KG = (0.5, 1.0, 2.0)
-"""Masses of a mixed team's robots, in turn; the policy and its guidance know robots of 1 kg."""
+"""Masses of a mixed team's robots, in turn; the policy knows robots of 1 kg."""
 
 
 class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,10 +28,10 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """K, the nearest that guidance hears of; None for all."""
     mixed: bool = False
     """Whether robots weigh `MIXED_KG` in turn."""
-    ease_m: float = 0.0
-    """How much farther away than they are the policy sees teammates: see `GuidanceSettings.ease_m`."""
-    familiar: bool = False
-    """Whether robots observe places and goals only as far away as in training; see `measure.familiar`."""
+    told: bool = True
+    """Whether each robot's guidance knows its mass, as by ``mass_kg`` in a fleet file; else 1 kg."""
+    eased: bool = True
+    """Whether the policy sees teammates as the tuned default does; else where they are."""
 
     @property
     def half_width_m(self) -> float:
@@ -46,15 +48,30 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         """Of the robots; none if all weigh 1 kg."""
         return tuple(MIXED_KG[i % len(MIXED_KG)] for i in range(self.robots)) if self.mixed else ()
 
+    def __str__(self) -> str:
+        words = [f"{self.robots} robots"]
+        words += [f"{self.crowding:g} times as many to the area"] * (self.crowding != 1.0)
+        words += [f"K = {self.neighbours}"] * (self.neighbours is not None)
+        words += ["each knows its mass" if self.told else "told 1 kg"] * self.mixed
+        return ", ".join(words)
 
-class TeamRow(Team, frozen=True, kw_only=True):
-    """Means over one seed's episodes; shares in percent, of the episodes if nothing else is said."""
 
+class TeamQuestion(Team, frozen=True, kw_only=True):
+    """What one row is to answer."""
+
+    settings: Guided
+    """By which the flow is guided."""
     seed: int
     """Of the policy's training."""
     policy: str
     """Digest of its manifest."""
     episodes: int
+    episodes_seed: int
+
+
+class TeamRow(TeamQuestion, frozen=True, kw_only=True):
+    """Means over one seed's episodes; shares in percent, of the episodes if nothing else is said."""
+
     commit: str
     success: float
     """Arrived without a collision, speed limit and margin kept."""
@@ -74,25 +91,36 @@ class TeamRow(Team, frozen=True, kw_only=True):
     """Median processor time of one robot's tick, of the numpy runtime."""
 
     @property
-    def key(self) -> tuple[Team, str, int]:
-        """What makes a row worth keeping."""
-        return self.team, self.policy, self.episodes
-
-    @property
-    def team(self) -> Team:
-        """Whom it is about."""
-        return Team(**{name: getattr(self, name) for name in Team.__struct_fields__})
+    def question(self) -> TeamQuestion:
+        """What it answers."""
+        return TeamQuestion(**{name: getattr(self, name) for name in TeamQuestion.__struct_fields__})
 
 
-def teams() -> Iterator[tuple[str, list[Team]]]:
+class Asked(NamedTuple):
+    """A team, and how well it is to be known."""
+
+    team: Team
+    seeds: int
+    """Policies of so many seeds, from 0 on."""
+    episodes: int
+    """Of each."""
+
+
+def chapters() -> dict[str, list[Asked]]:
     """All teams, by what they show."""
-    yield "Size, at the training's density", [Team(robots=size) for size in SIZES]
-    large = [size for size in SIZES if size > max(HEARD) + 1]
-    heard = [Team(robots=size, neighbours=count) for size in large for count in HEARD]
-    yield "Only the nearest heard", heard
-    yield "Less room", [Team(robots=8, crowding=crowding) for crowding in NARROW]
-    yield "Masses of 0.5, 1 and 2 kg in turn", [Team(robots=size, mixed=True) for size in (4, 8, 16)]
-    yield "Teammates seen 10 cm farther away", [Team(robots=n, ease_m=EASE_M) for n in SIZES if n > ROBOTS]
-    crowded = [Team(robots=8, crowding=crowding, ease_m=EASE_M) for crowding in NARROW]
-    yield "Teammates seen 10 cm farther away, in less room", crowded
-    yield "Far places and goals observed as in training", [Team(robots=n, familiar=True) for n in large]
+    whole = [Asked(Team(robots=size), SEEDS, 1000 if size <= 16 else 100) for size in SIZES]
+    crowded = [Team(robots=8, crowding=crowding) for crowding in NARROW]
+    as_seen = [Team(robots=size, eased=False) for size in SIZES]
+    as_seen += [Team(robots=8, crowding=crowding, eased=False) for crowding in NARROW]
+    mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
+    return {
+        "Size, at the training's density": whole,
+        "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
+        "Less room": _glance(crowded),
+        "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
+        "Without ease_m: teammates seen where they are": _glance(as_seen),
+    }
+
+
+def _glance(teams: Sequence[Team]) -> list[Asked]:
+    return [Asked(team, 2, 100) for team in teams]
