@@ -1,9 +1,7 @@
 """What robots believe of the field that they sample, by what each of them can know, and where it draws them.
 
 A robot knows its own readings (the values one cell away, of cells that nobody has emptied) and where it and
-its teammates have been: what they passed is empty. The rest is ridge regression. Bumps of a known width that
-may lie anywhere are, to second order, a Gaussian process whose kernel is theirs folded with itself; here in
-its finite form, a grid of such bumps with independent weights. Far from all readings it says what is usual.
+its teammates have been: what they passed is empty. The rest is the mean of its guesses of where bumps lie.
 """
 
 from collections.abc import Sequence
@@ -14,22 +12,13 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Floats
 from edge_runtime.messages import TeamState, Vector
 from edge_runtime.observation.belief import Belief
+from export.beliefs.field_guesses import HALF_WIDTH_M, FieldGuesses
 
-HALF_WIDTH_M = 1.0
-"""The field of VMAS Sampling is a square around the origin."""
 CELL_M = 0.05
 CELLS = round(2 * HALF_WIDTH_M / CELL_M)
 """Along each axis."""
-VARIANCE_M2 = 0.05
-"""Of each of its bumps, along each axis."""
 WALL_M = 0.975
 """The robots' centres stay within a square of this half-width."""
-SPACING_M = 0.25
-"""Between the bumps of the grid."""
-USUAL, SPREAD = 0.18, 0.24
-"""Mean of a sample's value over all fields, and its deviation."""
-ERROR = 0.02
-"""Deviation of readings from what a grid of bumps can express."""
 WINDOW_M = 0.2
 """What a team there would gather lies within about so much."""
 SPEED_M_S, STAY_S = 0.4, 2.0
@@ -37,23 +26,13 @@ SPEED_M_S, STAY_S = 0.4, 2.0
 Disc = tuple[float, float, float]
 """x, y and radius in m."""
 PAUSE = 5
-"""Ticks from one choice of a place to the next."""
+"""Ticks from one reading, and one choice of a place, to the next: a cell's width apart."""
 AROUND_M = CELL_M * np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (-1, -1), (1, -1), (-1, 1), (1, 1)])
 """Where ``nearby_samples`` are read, from the robot."""
 
 _CELL = (np.arange(CELLS) + 0.5) * CELL_M - HALF_WIDTH_M
-_BUMP = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, round(2 * HALF_WIDTH_M / SPACING_M) + 1)
 _PLACE = _CELL[1::2] - 0.5 * CELL_M
-
-
-def _near(one: Floats, other: Floats, variance: float) -> Floats:
-    """exp(-d^2 / 2 variance) for all pairs of coordinates (..., P) and (Q,): (..., P, Q)."""
-    near: Floats = np.exp(np.square(one[..., None] - other) / (-2.0 * variance))
-    return near
-
-
-_FIELD = _near(_CELL, _BUMP, VARIANCE_M2)
-_GATHERED = _near(_PLACE, _CELL, WINDOW_M**2)
+_GATHERED = np.exp(np.square(_PLACE[:, None] - _CELL) / (-2.0 * WINDOW_M**2))
 _PLACES = np.stack(np.meshgrid(_PLACE, _PLACE, indexing="ij"), -1).reshape(-1, 2)
 
 
@@ -73,11 +52,8 @@ class SampleBelief:
     """
 
     def __init__(self, robots: int, closed: Sequence[Disc] = ()) -> None:
-        share = VARIANCE_M2 / SPACING_M**2  # of a bump's integral in a cell of the grid
-        precision, weights = np.pi * share / SPREAD**2, len(_BUMP) ** 2
         self._rows = np.arange(robots)[:, None]
-        self._precision = np.tile(precision * np.eye(weights, dtype=np.float32), (robots, 1, 1))
-        self._told = np.full((robots, weights), precision * USUAL / (2.0 * np.pi * share), np.float32)
+        self._guesses = FieldGuesses(robots)
         self._ticks, self._best_m = 0, np.zeros((robots, 2))
         self._empty = np.tile(_within(closed), (robots, 1, 1))
 
@@ -94,33 +70,20 @@ class SampleBelief:
         """
         team_m = np.concatenate([own_m[:, None], mates_m], 1)
         self._pass(team_m)
-        self._read(own_m[:, None] + AROUND_M, readings)
         if self._ticks % PAUSE == 0:
+            self._guesses.read(np.clip(own_m[:, None] + AROUND_M, -WALL_M, WALL_M), readings)
             self._best_m = self._choose(team_m.mean(1))
         self._ticks += 1
         return self._best_m
 
     def left(self) -> Floats:
         """What each cell is believed to hold (B, 40, 40), by x, then y."""
-        weights = np.linalg.solve(self._precision, self._told[..., None])
-        grid = weights.reshape(-1, len(_BUMP), len(_BUMP))
-        return np.where(self._empty, 0.0, np.maximum(_FIELD @ grid @ _FIELD.T, 0.0))
+        return np.where(self._empty, 0.0, self._guesses.expected(_CELL))
 
     def _pass(self, place_m: Floats) -> None:
         """Empty the cells at (B, N, 2)."""
         cell = (np.clip(place_m, -WALL_M, WALL_M) / CELL_M + CELLS / 2).astype(np.int64)
         self._empty[self._rows, cell[..., 0], cell[..., 1]] = True
-
-    def _read(self, place_m: Floats, readings: Floats) -> None:
-        """Learn from readings (B, R) at (B, R, 2); a zero only tells of an empty cell."""
-        along_x, along_y = (
-            _near(np.clip(place_m[..., axis], -WALL_M, WALL_M), _BUMP, VARIANCE_M2) for axis in (0, 1)
-        )
-        share = np.where(readings > 0.0, 1.0 / ERROR, 0.0)[..., None]
-        rows = (along_x[..., :, None] * along_y[..., None, :]).reshape(*readings.shape, -1)
-        told, rows = ((share * each).astype(np.float32) for each in (readings[..., None], rows))
-        self._precision += rows.swapaxes(1, 2) @ rows
-        self._told += (rows.swapaxes(1, 2) @ told)[..., 0]
 
     def _choose(self, middle_m: Floats) -> Floats:
         """The place (B, 2) of the greatest gain a second, for teams around (B, 2)."""

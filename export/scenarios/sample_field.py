@@ -8,10 +8,9 @@ cell.
 import torch
 from torch import Tensor
 
-from export.beliefs.sample_belief import CELL_M, CELLS, HALF_WIDTH_M, VARIANCE_M2
+from export.beliefs.field_guesses import BUMPS, HALF_WIDTH_M, VARIANCE_M2
+from export.beliefs.sample_belief import CELL_M, CELLS
 from export.scenarios.vmas_teams import State
-
-BUMPS = 3
 
 
 class SampleField:

@@ -11,9 +11,10 @@ from vmas.scenarios.sampling import Scenario as VmasSampling
 from edge_runtime.motion.body import Body
 from edge_runtime.motion.models import PointForce
 from edge_runtime.observation import Ranges, Sensor
-from export.beliefs.sample_belief import HALF_WIDTH_M, WALL_M
+from export.beliefs.field_guesses import BUMPS, HALF_WIDTH_M
+from export.beliefs.sample_belief import WALL_M
 from export.scenarios.lidar import disc_ranges
-from export.scenarios.sample_field import BUMPS, SampleField
+from export.scenarios.sample_field import SampleField
 from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
 from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams
 
