@@ -18,7 +18,7 @@ VARIANCE_M2 = 0.05
 READINGS = 240
 """The last so many count, those of 15 s at 10 Hz: what a tick may cost has a bound."""
 GUESSES = 16
-"""Of each robot. Twice as many find the richest place a tenth more often, at twice the cost."""
+"""Of each robot. Twice as many choose no better a place, at twice the cost."""
 STEPS = 2
 """Of the guesses, each time; those drawn anew take one more."""
 ERROR = 0.01
