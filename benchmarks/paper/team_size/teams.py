@@ -32,6 +32,8 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Whether each robot's guidance knows its mass, as by ``mass_kg`` in a fleet file; else 1 kg."""
     eased: bool = True
     """Whether the policy sees teammates as the tuned default does; else where they are."""
+    near: bool = False
+    """Whether the policy sees a robot beyond the training's arena on its border."""
 
     @property
     def half_width_m(self) -> float:
@@ -112,12 +114,14 @@ def chapters() -> dict[str, list[Asked]]:
     crowded = [Team(robots=8, crowding=crowding) for crowding in NARROW]
     as_seen = [Team(robots=size, eased=False) for size in SIZES]
     as_seen += [Team(robots=8, crowding=crowding, eased=False) for crowding in NARROW]
+    near = [Asked(Team(robots=16, near=True), SEEDS, 100), Asked(Team(robots=32, near=True), SEEDS, 100)]
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
         "Size, at the training's density": whole,
         "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
         "Less room": _glance(crowded),
         "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
+        "Places beyond the training's arena observed on its border": near,
         "Without ease_m: teammates seen where they are": _glance(as_seen),
     }
 

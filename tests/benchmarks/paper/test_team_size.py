@@ -12,7 +12,7 @@ from benchmarks.paper.policies import SEEDS, find_policy
 from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.team_size import team_size_command
-from benchmarks.paper.team_size.measure import make_world, question, team_decider
+from benchmarks.paper.team_size.measure import make_world, near, question, team_decider
 from benchmarks.paper.team_size.teams import Asked, Team, TeamRow, chapters
 from benchmarks.paper.tuning import tuned_default
 from edge_runtime.config.fleet import Team as FleetTeam
@@ -111,6 +111,18 @@ def test_who_knows_its_mass_keeps_the_speed_limit_and_who_is_told_another_does_n
     assert (fastest[True] <= limit + 1e-3).all()
     assert fastest[False][0] > 1.05 * limit
     assert fastest[True][1] == pytest.approx(fastest[False][1])
+
+
+def test_a_place_beyond_the_trainings_arena_is_observed_on_its_border_and_all_else_as_it_is():
+    seen = []
+    far = np.zeros((2, FACTS.observation_dim), np.float32)
+    far[0, :6] = [0.5, -0.5, 0.1, 0.2, 1.0, -1.0]
+    far[1, :6] = [3.0, -0.3, 0.1, 0.2, 3.0, -4.0]
+    near(lambda _: lambda observation, *_: seen.append(observation))(2)(far, None, None)
+    assert FACTS.observation[0].name == "position"
+    assert np.array_equal(seen[0][0], far[0])
+    assert np.array_equal(seen[0][1, 1:], far[1, 1:])
+    assert seen[0][1, 0] == ARENA_HALF_WIDTH_M
 
 
 def test_rows_resume_and_hold_what_was_measured(tmp_path, monkeypatch, capsys):
