@@ -110,18 +110,19 @@ class Asked(NamedTuple):
 
 def chapters() -> dict[str, list[Asked]]:
     """All teams, by what they show."""
-    whole = [Asked(Team(robots=size), SEEDS, 1000 if size <= 16 else 100) for size in SIZES]
+    whole = [Asked(Team(robots=size), SEEDS, 1000) for size in SIZES if size <= 16]
     crowded = [Team(robots=8, crowding=crowding) for crowding in NARROW]
     as_seen = [Team(robots=size, eased=False) for size in SIZES]
     as_seen += [Team(robots=8, crowding=crowding, eased=False) for crowding in NARROW]
-    near = [Asked(Team(robots=16, near=True), SEEDS, 100), Asked(Team(robots=32, near=True), SEEDS, 100)]
+    near = [Asked(Team(robots=16, near=True), SEEDS, 100)]
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
-        "Size, at the training's density": whole,
+        "Size, at the training's density": whole + _glance([Team(robots=32)]),
         "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
         "Less room": _glance(crowded),
         "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
-        "Places beyond the training's arena observed on its border": near,
+        "Places beyond the training's arena observed on its border": near
+        + _glance([Team(robots=32, near=True)]),
         "Without ease_m: teammates seen where they are": _glance(as_seen),
     }
 
