@@ -117,12 +117,11 @@ def chapters() -> dict[str, list[Asked]]:
     near = [Asked(Team(robots=16, near=True), SEEDS, 100)]
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
-        "Size, at the training's density": whole + _glance([Team(robots=32)]),
+        "Size, at the training's density": [*whole, Asked(Team(robots=32), SEEDS, 100)],
         "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
         "Less room": _glance(crowded),
         "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
-        "Places beyond the training's arena observed on its border": near
-        + _glance([Team(robots=32, near=True)]),
+        "Places beyond the training's arena observed on its border": near,
         "Without ease_m: teammates seen where they are": _glance(as_seen),
     }
 
