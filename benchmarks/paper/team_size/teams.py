@@ -114,7 +114,7 @@ def chapters() -> dict[str, list[Asked]]:
     crowded = [Team(robots=8, crowding=crowding) for crowding in NARROW]
     as_seen = [Team(robots=size, eased=False) for size in SIZES]
     as_seen += [Team(robots=8, crowding=crowding, eased=False) for crowding in NARROW]
-    near = [Asked(Team(robots=16, near=True), SEEDS, 100)]
+    near = [Asked(Team(robots=size, near=True), SEEDS, 100) for size in SIZES if size >= 16]
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
         "Size, at the training's density": [*whole, Asked(Team(robots=32), SEEDS, 100)],
