@@ -17,13 +17,13 @@ from benchmarks.common.result_file import read_result, write_result
 from benchmarks.common.result_page import page, table
 from benchmarks.paper.policies import SEEDS, find_policy
 from benchmarks.paper.statistics import summarise
-from benchmarks.paper.team_size.measure import measure, question
+from benchmarks.paper.team_size.measure import SETTINGS, measure, question
 from benchmarks.paper.team_size.teams import Asked, TeamQuestion, TeamRow, chapters
-from benchmarks.paper.tuning import tuned_default
 
 RESULTS = Path(__file__).parents[2] / "results" / "team_size.json"
 NOTE = """\
-Navigation under the tuned default, by policies that were trained with four robots; means over their seeds.
+Navigation guided as in the tables, with `ease_m` and five steps for requirements, by policies that were
+trained with four robots; means over their seeds.
 *Success*: all at their goals at once within the time limit, which grows as the arena does, no collision
 before, speed limit and margin kept. *At goal*: of the robots, when an episode ends. *Tick*: one robot's,
 processor time of the numpy runtime. Failures by kind, in percent of the episodes, as `python -m benchmarks
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", type=Path, default=RESULTS, metavar="FILE", help="the rows")
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    algorithm = tuned_default("navigation").algorithm("navigation")
+    algorithm = SETTINGS.algorithm("navigation")
     find = partial(find_policy, options.policies, "navigation", algorithm)
     paths = [find(seed) for seed in range(options.seeds)]
     asked = {

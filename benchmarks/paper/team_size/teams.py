@@ -31,7 +31,7 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     told: bool = True
     """Whether each robot's guidance knows its mass, as by ``mass_kg`` in a fleet file; else 1 kg."""
     eased: bool = True
-    """Whether the policy sees teammates as the tuned default does; else where they are."""
+    """Whether the policy sees teammates farther away than they are, by ``ease_m``."""
     near: bool = False
     """Whether the policy sees a robot beyond the training's arena on its border."""
 
