@@ -11,6 +11,7 @@ from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.messages import Command, GuidedAction, RobotState, TeamState, Vector
 from edge_runtime.observation.belief import Beliefs
+from edge_runtime.observation.border import Border
 from edge_runtime.observation.familiarity import FAMILIAR, Familiarity
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.velocity_field import VelocityField
@@ -26,6 +27,7 @@ class Controller:
         guide: the objectives in force.
         limits: what it may be commanded.
         familiarity: knows what the policy saw in training.
+        border: of the policy's arena, on which it observes places beyond; they are unfamiliar all the same.
         beliefs: what the robot works out for itself.
         seed: of the flow's start noise.
     """
@@ -38,6 +40,7 @@ class Controller:
         guide: Guide,
         limits: RobotLimits,
         familiarity: Familiarity,
+        border: Border,
         beliefs: Beliefs,
         seed: int = 0,
     ) -> None:
@@ -55,7 +58,7 @@ class Controller:
         self.unfamiliar = FAMILIAR
         """What the newest observation has that training never had."""
         self._familiarity, self._strangest = familiarity, ""
-        self._observer, self._beliefs = observer, beliefs
+        self._observer, self._border, self._beliefs = observer, border, beliefs
         self._first_s: float | None = None
         self._random = random.Random(seed)
 
@@ -70,6 +73,7 @@ class Controller:
         self.elapsed_s = team.own.stamp_s - self._first_s
         observation = self._observer.observe(team, self.command.action, self.elapsed_s, self.guide.ease_m)
         self._strangest = self._familiarity.strangest(observation[0])
+        self._border.clamp(observation)
         return observation
 
     def act(self, observation: Array, team: TeamState, deadline_s: float = math.inf) -> GuidedAction:

@@ -19,6 +19,7 @@ from edge_runtime.guidance.guide import Guide, check_objectives, guide_for
 from edge_runtime.guidance.settings import ObjectiveSet
 from edge_runtime.objectives import BUILT_IN, Objective
 from edge_runtime.observation import GoalOffset, Sensor, Source, Tracked, TrackedGoalOffset
+from edge_runtime.observation.border import Border, observes_place
 from edge_runtime.observation.familiarity import Familiarity, knows_training
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import Adaptation, adapt
@@ -33,7 +34,7 @@ NOWHERE: Final = (math.nan, math.nan)
 def adaptation_of(robot: Robot, team: Team) -> Adaptation:
     """Return where a robot differs from the policy's, as its fleet file says."""
     most = team.max_action if robot.max_action is None else robot.max_action
-    return Adaptation(robot.mass_kg, robot.drag, most, team.scale_m)
+    return Adaptation(robot.mass_kg, robot.drag, most, team.scale_m, team.training_arena_m)
 
 
 def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
@@ -76,6 +77,7 @@ class Mission:
         if self.guided:
             check_objectives(self.objective_set, self.bundle.manifest.motion, f"{self.bundle.directory}: ")
         self._check_familiarity()
+        self._check_arena()
         self._check_sources()
         self._observer(self.fleet.robot(self.robot_id))  # which own sources may refuse
         make_beliefs(self.fleet.path, self.fleet.beliefs)  # which their code may refuse
@@ -133,14 +135,15 @@ class Mission:
             PolicyError: if the policy cannot be computed.
             ConfigError: if it observes by code that may not run here.
         """
-        robot = self.fleet.robot(robot_id)
+        robot, team, observed = self.fleet.robot(robot_id), self.fleet.team, self.bundle.manifest.observation
         return Controller(
             robot.id,
             self._observer(robot),
             self.policy,
             self.guide(),
             self._limits(robot, max_speed_m_s, max_yaw_rate_rad_s),
-            Familiarity(self.bundle.manifest.observation),
+            Familiarity(observed),
+            Border(observed, team.training_arena_m, team.scale_m),
             make_beliefs(self.fleet.path, self.fleet.beliefs),
             self.seed * 2**16 + robot.id,
         )
@@ -219,6 +222,17 @@ class Mission:
                 f"policy {self.bundle.manifest.name!r} does not say what it saw in training; "
                 "leave it out, or export the policy again (a graph: with --calibration FILE.npz)",
             )
+
+    def _check_arena(self) -> None:
+        """Refuse an arena of other axes than the robot's, or for a policy that knows no place."""
+        arena, manifest = self.fleet.team.training_arena_m, self.bundle.manifest
+        wrong = ""
+        if len(arena) != manifest.motion.dims:
+            wrong = f"has {len(arena)} axes; allowed with policy {manifest.name!r}: {manifest.motion.dims}"
+        elif not observes_place(manifest.observation):
+            wrong = f"policy {manifest.name!r} does not observe where it is; leave it out"
+        if arena and wrong:
+            refuse(self.fleet.path, "team.training_arena_m", wrong)
 
     def _check_sources(self) -> None:
         """Refuse a policy that observes what nobody tells this robot."""

@@ -25,11 +25,12 @@ from edge_runtime.policy.adaptation import Adaptation
 from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.schema import MAX_STEPS
 
-LOG_FORMAT: Final = "cfpg-log/5"
-READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", "cfpg-log/4", LOG_FORMAT)
+LOG_FORMAT: Final = "cfpg-log/6"
+READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", "cfpg-log/4", "cfpg-log/5", LOG_FORMAT)
 """Logs of format 2 lack yaw rates and tracked objects: nobody's turned, and there were none. Those before
 format 4 lack the sampler: it was Euler's; and policies saw teammates where they were. Those before format 5
-lack the steps of requirements: it was one."""
+lack the steps of requirements: it was one. Those before format 6 lack the training's arena: policies
+observed all places as they were."""
 LATEST_S: Final = 1e11
 """No clock of a robot says more: that is 3,000 years."""
 

@@ -28,6 +28,7 @@ from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Command, GuidedAction
 from edge_runtime.objectives import Objective
 from edge_runtime.observation import Source
+from edge_runtime.observation.border import Border
 from edge_runtime.observation.familiarity import Familiarity, Unfamiliar
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.adaptation import adapt
@@ -98,7 +99,9 @@ class Replay:
             path=str(bundle.directory / MANIFEST_FILE),
         )
         self._other_ranges = start.bundle.sha256 in bundle.manifest.supersedes
-        self._familiarity = Familiarity(bundle.manifest.observation)
+        observed, arena = bundle.manifest.observation, adaptation.training_arena_m
+        _check_size(len(arena) or start.fleet.dims, start.fleet.dims, "training's arena")
+        self._familiarity, self._border = Familiarity(observed), Border(observed, arena, adaptation.scale_m)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)
         self.follow(ObjectiveSet())
@@ -111,10 +114,11 @@ class Replay:
         """The observation of the recorded state."""
         inputs = tick.inputs
         _check_size(len(inputs.previous_action), self._manifest.action_dim, "actions")
-        values = self._observer.observe(
+        seen = self._observer.observe(
             tick.state, inputs.previous_action, inputs.elapsed_s, self._guide.ease_m
-        )[0]
-        field = self._familiarity.strangest(values)
+        )
+        values, field = seen[0], self._familiarity.strangest(seen[0])
+        self._border.clamp(seen)
         if field:
             self.unfamiliar[field] += 1
         if self._other_ranges:  # an earlier manifest of the policy judged by other ones, or by none
