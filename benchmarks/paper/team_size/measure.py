@@ -16,17 +16,17 @@ from benchmarks.paper.oracle.endings import GRACE_STEPS, navigation_kinds
 from benchmarks.paper.policies import digest
 from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.team_size.teams import MIXED_KG, Team, TeamQuestion, TeamRow
+from benchmarks.paper.team_size.teams import MIXED_KG, TRAINING_ARENA_M, Team, TeamQuestion, TeamRow
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.policy.adaptation import Adaptation, adapt
 from edge_runtime.policy.bundle import Bundle, load_bundle
+from export.episodes.bordered import bordered
 from export.episodes.judges import Flags, Follower, motion
 from export.episodes.neighbourhood import Setting
-from export.episodes.play import Decide, MakeDecide, Observations, play
+from export.episodes.play import MakeDecide, play
 from export.episodes.some import by_kind, while_running
-from export.evaluation.outlook import TeamBatch
-from export.scenarios.navigation import ARENA_HALF_WIDTH_M, GOAL_TOLERANCE_M, Navigation
+from export.scenarios.navigation import GOAL_TOLERANCE_M, Navigation
 from export.scenarios.scenario import Scenario, Transition
 
 SETTINGS = Guided(
@@ -91,29 +91,15 @@ def make_world(team: Team, episodes: int, episodes_seed: int) -> Navigation:
 
 def team_decider(team: Team, settings: Guided, bundle: Bundle) -> MakeDecide:
     """What a team's robots decide, each by its own mass if it is told it; the policy stays as it is."""
-    own = partial(decider, TASKS["navigation"], settings)
-    if team.near:
-        return near(own(bundle))
+
+    def own(policy: Bundle) -> MakeDecide:
+        arena = TRAINING_ARENA_M if team.near else ()
+        return bordered(decider(TASKS["navigation"], settings, policy), policy.manifest, arena)
+
     if not team.mixed or not team.told:
         return own(bundle)
     adapted = [own(adapt(bundle, Adaptation(mass_kg=mass_kg))) for mass_kg in MIXED_KG]
     return by_kind(adapted, [MIXED_KG.index(mass_kg) for mass_kg in team.masses_kg])
-
-
-def near(make_decide: MakeDecide) -> MakeDecide:
-    """Decide as if a robot beyond the training's arena stood on its border, its goal as far away as it is."""
-
-    def prepare(batch: int) -> Decide:
-        decide = make_decide(batch)
-
-        def decide_near(seen: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
-            inside = seen.copy()
-            np.clip(seen[:, :2], -ARENA_HALF_WIDTH_M, ARENA_HALF_WIDTH_M, out=inside[:, :2])
-            return decide(inside, views, draw)
-
-        return decide_near
-
-    return prepare
 
 
 class _Follower:

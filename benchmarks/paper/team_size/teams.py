@@ -14,6 +14,8 @@ from export.scenarios.navigation import ARENA_HALF_WIDTH_M, ROBOTS
 SIZES = (2, 3, 4, 6, 8, 16, 32)
 HEARD = (3, 7)
 NARROW = (1.5, 2.0, 3.0)
+TRAINING_ARENA_M = ((-ARENA_HALF_WIDTH_M, ARENA_HALF_WIDTH_M),) * 2
+"""Where the training's robots start and have their goals."""
 MIXED_KG = (0.5, 1.0, 2.0)
 """Masses of a mixed team's robots, in turn; the policy knows robots of 1 kg."""
 
@@ -33,7 +35,7 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     eased: bool = True
     """Whether the policy sees teammates farther away than they are, by ``ease_m``."""
     near: bool = False
-    """Whether the policy sees a robot beyond the training's arena on its border."""
+    """Whether places beyond `TRAINING_ARENA_M` are observed on its border, as by ``training_arena_m``."""
 
     @property
     def half_width_m(self) -> float:
@@ -110,20 +112,24 @@ class Asked(NamedTuple):
 
 def chapters() -> dict[str, list[Asked]]:
     """All teams, by what they show."""
-    whole = [Asked(Team(robots=size), SEEDS, 1000) for size in SIZES if size <= 16]
+    whole = [_whole(Team(robots=size, near=size > ROBOTS)) for size in SIZES]
+    far = [_whole(Team(robots=size)) for size in SIZES if size > ROBOTS]
     crowded = [Team(robots=8, crowding=crowding) for crowding in NARROW]
     as_seen = [Team(robots=size, eased=False) for size in SIZES]
     as_seen += [Team(robots=8, crowding=crowding, eased=False) for crowding in NARROW]
-    near = [Asked(Team(robots=size, near=True), SEEDS, 100) for size in SIZES if size >= 16]
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
-        "Size, at the training's density": [*whole, Asked(Team(robots=32), SEEDS, 100)],
+        "Size, at the training's density": whole,
+        "Without training_arena_m: places beyond the training's observed as they are": far,
         "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
         "Less room": _glance(crowded),
         "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
-        "Places beyond the training's arena observed on its border": near,
         "Without ease_m: teammates seen where they are": _glance(as_seen),
     }
+
+
+def _whole(team: Team) -> Asked:
+    return Asked(team, SEEDS, 1000 if team.robots <= 16 else 100)
 
 
 def _glance(teams: Sequence[Team]) -> list[Asked]:
