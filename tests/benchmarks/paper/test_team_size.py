@@ -12,8 +12,8 @@ from benchmarks.paper.policies import SEEDS, find_policy
 from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.team_size import team_size_command
-from benchmarks.paper.team_size.measure import make_world, near, question, team_decider
-from benchmarks.paper.team_size.teams import Asked, Team, TeamRow, chapters
+from benchmarks.paper.team_size.measure import make_world, question, team_decider
+from benchmarks.paper.team_size.teams import TRAINING_ARENA_M, Asked, Team, TeamRow, chapters
 from benchmarks.paper.tuning import tuned_default
 from edge_runtime.config.fleet import Team as FleetTeam
 from edge_runtime.config.network import Robot
@@ -21,6 +21,7 @@ from edge_runtime.control.mission import adapted
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.guide import guide_for
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
+from edge_runtime.observation.border import Border
 from edge_runtime.observation.observer import Observer
 from edge_runtime.policy.bundle import packaged_bundle
 from export.episodes.judges import motion
@@ -53,7 +54,9 @@ def test_two_to_sixteen_robots_are_measured_as_the_tables_are():
     """Ten policies, 1,000 episodes of each, and the tables' guidance but for ``ease_m`` and more steps."""
     asked = {one.team: one for own in chapters().values() for one in own}
     for robots in (2, 3, 4, 6, 8, 16):
-        assert asked[Team(robots=robots)] == (Team(robots=robots), SEEDS, 1000)
+        for near in {False, robots > 4}:
+            team = Team(robots=robots, near=near)
+            assert asked[team] == (team, SEEDS, 1000)
     policy = find_policy(POLICIES, "navigation", "mafpo-chain", 0)
     asked_for = question(Team(robots=2), 0, policy, 10).settings
     tuned = tuned_default("navigation").guidance
@@ -89,16 +92,19 @@ def under_way(team, settings, episodes, steps):
     return world, before, views, action
 
 
-def test_a_mixed_teams_robots_decide_as_the_runtime_does_with_their_mass_in_the_fleet_file():
-    _, before, views, action = under_way(MIXED, SETTINGS, 6, 12)
+@pytest.mark.parametrize("asked_of", [MIXED, Team(robots=16, near=True)], ids=["mixed", "near"])
+def test_a_teams_robots_decide_as_the_runtime_does_with_mass_and_arena_in_the_fleet_file(asked_of):
+    _, before, views, action = under_way(asked_of, SETTINGS, 6, 12)
+    fleet = FleetTeam(training_arena_m=TRAINING_ARENA_M if asked_of.near else ())
     bundle, goals = packaged_bundle("navigation"), before["goal"].flatten(0, 1).tolist()
     asked = ObjectiveSet(TASKS["navigation"].objectives, SETTINGS.guidance)
     for row, (goal, decided) in enumerate(zip(goals, action.reshape(-1, 2), strict=True)):
-        mass_kg = MIXED.masses_kg[row % MIXED.robots]
-        own = adapted(bundle, Robot(0, (0.0, 0.0), mass_kg=mass_kg), FleetTeam())
+        mass_kg = asked_of.masses_kg[row % asked_of.robots] if asked_of.mixed else None
+        own = adapted(bundle, Robot(0, (0.0, 0.0), mass_kg=mass_kg), fleet)
         guide, policy = guide_for(own.manifest, asked), own.policy()
         team = views.row(row)
         observation = Observer(own.manifest, tuple(goal)).observe(team, ease_m=guide.ease_m)
+        Border(own.manifest.observation, fleet.training_arena_m).clamp(observation)
         expected = np.clip(guided_action(policy, observation, team, guide).action, -1.0, 1.0)
         np.testing.assert_allclose(decided, expected, atol=1e-4)
 
@@ -113,18 +119,6 @@ def test_who_knows_its_mass_keeps_the_speed_limit_and_who_is_told_another_does_n
     assert (fastest[True] <= limit + 1e-3).all()
     assert fastest[False][0] > 1.05 * limit
     assert fastest[True][1] == pytest.approx(fastest[False][1])
-
-
-def test_a_place_beyond_the_trainings_arena_is_observed_on_its_border_and_all_else_as_it_is():
-    seen = []
-    far = np.zeros((2, FACTS.observation_dim), np.float32)
-    far[0, :6] = [0.5, -0.5, 0.1, 0.2, 1.0, -1.0]
-    far[1, :6] = [3.0, -0.3, 0.1, 0.2, 3.0, -4.0]
-    near(lambda _: lambda observation, *_: seen.append(observation))(2)(far, None, None)
-    assert FACTS.observation[0].name == "position"
-    assert np.array_equal(seen[0][0], far[0])
-    assert np.array_equal(seen[0][1, 1:], far[1, 1:])
-    assert seen[0][1, 0] == ARENA_HALF_WIDTH_M
 
 
 def test_rows_resume_and_hold_what_was_measured(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""Places beyond the training's arena: observed on its border, unfamiliar all the same, replayed bit for bit."""
+"""Places beyond the training's arena: observed on its border, yet unfamiliar, and replayed bit for bit."""
 
 import numpy as np
 import pytest
@@ -82,8 +82,8 @@ def test_a_place_on_the_border_decides_as_one_beyond_it(tmp_path):
 
 def test_a_place_beyond_is_unfamiliar_all_the_same(tmp_path, capsys):
     first, *others = MANIFEST.observation
-    first = replace(first, seen=((-5.0, -0.7), (-5.0, 5.0)))
-    write_straight_bundle(tmp_path / "narrow", replace(MANIFEST, observation=(first, *others)))
+    narrow = (replace(first, seen=((-5.0, -0.7), (-5.0, 5.0))), *others)
+    write_straight_bundle(tmp_path / "narrow", replace(MANIFEST, observation=narrow))
     text = "[team]\n[[robots]]\nid = 0\nstart_m = [-0.6, 0.0]\ngoal_m = [0.8, 0.0]\n"
     keys = 'policy = "./narrow"\nmax_unfamiliar_s = 0.1\ntraining_arena_m = [[-5.0, -0.7], [-5.0, 5.0]]'
     (log,) = record(tmp_path, "--fleet", str(fleet_file(tmp_path, keys, text)))
@@ -114,8 +114,7 @@ def test_an_arena_that_is_none_is_refused_in_one_line(arena, wanted, tmp_path, c
 
 
 def test_an_arena_for_a_policy_that_is_not_told_its_place_is_refused(tmp_path, capsys):
-    first, *others = MANIFEST.observation
-    blind = replace(MANIFEST, observation=(Velocity("once_more", 2, "m/s"), *others))
+    blind = replace(MANIFEST, observation=(Velocity("once_more", 2, "m/s"), *MANIFEST.observation[1:]))
     write_straight_bundle(tmp_path / "blind", blind)
     text = "[team]\n[[robots]]\nid = 0\nstart_m = [-0.6, 0.0]\ngoal_m = [0.8, 0.0]\n"
     keys = 'policy = "./blind"\ntraining_arena_m = [[-1.0, 1.0], [-1.0, 1.0]]'
