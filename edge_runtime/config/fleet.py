@@ -16,7 +16,7 @@ from edge_runtime.config.zenoh import check_zenoh
 from edge_runtime.errors import ConfigError
 from edge_runtime.guidance.settings import GuidanceSettings, ObjectiveSet
 from edge_runtime.messages import Vector2
-from edge_runtime.observation.border import Arena, check_arena
+from edge_runtime.observation.border import Arena
 
 PUBLIC_KEY: Final = re.compile(r"[0-9a-f]{64}")
 OLDEST_STATE_S: Final = 0.1
@@ -49,9 +49,9 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Greatest magnitude of each action component, in its unit; the policy's own limits where None."""
     max_unfamiliar_s: float | None = None
     """For so long a robot may act on observations that training never had; without end where None."""
-    training_arena_m: Arena = ()
-    """Least and greatest place on each axis of the arena that the policy was trained in: a robot beyond
-    observes its own place on the border, see `edge_runtime.observation.border`; where it is if left out."""
+    training_arena: Arena | None = None
+    """The arena that the policy was trained in: a robot beyond observes its own place on the border, see
+    `edge_runtime.observation.border`. Where None it observes where it is."""
     own_sources: tuple[str, ...] = ()
     """Classes of one's own by which a policy may observe here, as ``module:Class``; they lie beside the fleet
     file, or are installed. No bundle makes other code run."""
@@ -65,7 +65,6 @@ class Team(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self, dict.fromkeys(names, positive))
         check_bounds(self, {"rate_hz": RATE_HZ, "max_state_age_s": (1e-3, OLDEST_STATE_S)})
         check_bounds(self, {"max_unfamiliar_s": (0.0, GREATEST)})
-        check_arena(self.training_arena_m)
 
     @property
     def arrival_m(self) -> float:

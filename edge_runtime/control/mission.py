@@ -34,7 +34,7 @@ NOWHERE: Final = (math.nan, math.nan)
 def adaptation_of(robot: Robot, team: Team) -> Adaptation:
     """Return where a robot differs from the policy's, as its fleet file says."""
     most = team.max_action if robot.max_action is None else robot.max_action
-    return Adaptation(robot.mass_kg, robot.drag, most, team.scale_m, team.training_arena_m)
+    return Adaptation(robot.mass_kg, robot.drag, most, team.scale_m, team.training_arena)
 
 
 def adapted(bundle: Bundle, robot: Robot, team: Team) -> Bundle:
@@ -143,7 +143,7 @@ class Mission:
             self.guide(),
             self._limits(robot, max_speed_m_s, max_yaw_rate_rad_s),
             Familiarity(observed),
-            Border(observed, team.training_arena_m, team.scale_m),
+            Border(observed, team.training_arena, team.scale_m),
             make_beliefs(self.fleet.path, self.fleet.beliefs),
             self.seed * 2**16 + robot.id,
         )
@@ -225,14 +225,16 @@ class Mission:
 
     def _check_arena(self) -> None:
         """Refuse an arena of other axes than the robot's, or for a policy that knows no place."""
-        arena, manifest = self.fleet.team.training_arena_m, self.bundle.manifest
-        wrong = ""
-        if len(arena) != manifest.motion.dims:
-            wrong = f"has {len(arena)} axes; allowed with policy {manifest.name!r}: {manifest.motion.dims}"
-        elif not observes_place(manifest.observation):
-            wrong = f"policy {manifest.name!r} does not observe where it is; leave it out"
-        if arena and wrong:
-            refuse(self.fleet.path, "team.training_arena_m", wrong)
+        arena, manifest = self.fleet.team.training_arena, self.bundle.manifest
+        if arena is None:
+            return
+        found, dims, policy = len(arena.low_m), manifest.motion.dims, f"policy {manifest.name!r}"
+        if found != dims:
+            wrong = f"has {found} components; allowed with {policy}: {dims}"
+            refuse(self.fleet.path, "team.training_arena.low_m", wrong)
+        if not observes_place(manifest.observation):
+            wrong = f"{policy} does not observe where it is; leave it out"
+            refuse(self.fleet.path, "team.training_arena", wrong)
 
     def _check_sources(self) -> None:
         """Refuse a policy that observes what nobody tells this robot."""

@@ -6,27 +6,29 @@ else that it observes is as it was; told that it stands on the border, it goes o
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from edge_runtime.common.arrays import Array
-from edge_runtime.common.bounds import GREATEST
+from edge_runtime.common.bounds import GREATEST, check_bounds
+from edge_runtime.messages import Place
 from edge_runtime.observation import ObservationField, Position
 
-Arena = tuple[tuple[float, float], ...]
-"""Least and greatest place on each axis, in m."""
 
+class Arena(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A box, by two of its corners."""
 
-def check_arena(arena: Arena) -> None:
-    """Check what a file calls a training's arena.
+    low_m: Place
+    """The least place on each axis."""
+    high_m: Place
+    """The greatest place on each axis."""
 
-    Raises:
-        ValueError: if it is none.
-    """
-    if not all(-GREATEST <= low < high <= GREATEST for low, high in arena):
-        raise ValueError(
-            f"`training_arena_m` must be [least, greatest] place on each axis, within {GREATEST:g} m, "
-            f"got {[list(ends) for ends in arena]}"
-        )
+    def __post_init__(self) -> None:
+        check_bounds(self, dict.fromkeys(("low_m", "high_m"), (-GREATEST, GREATEST)))
+        if len(self.low_m) != len(self.high_m):
+            raise ValueError("`high_m` must have as many components as `low_m`")
+        if not all(low < high for low, high in zip(self.low_m, self.high_m, strict=True)):
+            raise ValueError("`high_m` must be greater than `low_m` on each axis")
 
 
 def observes_place(fields: Sequence[ObservationField]) -> bool:
@@ -39,19 +41,23 @@ class Border:
 
     Args:
         fields: of the policy's manifest, in its order.
-        arena: in the robot's metres; without one, and for a policy that is not told its place, nothing is
-            limited.
+        arena: in the robot's metres, of its axes; without one, and for a policy that is not told its place,
+            nothing is limited.
         scale_m: one of the policy's metres, in the robot's.
     """
 
-    def __init__(self, fields: Sequence[ObservationField], arena: Arena = (), scale_m: float = 1.0) -> None:
-        self.limits = bool(arena) and observes_place(fields)
+    def __init__(
+        self, fields: Sequence[ObservationField], arena: Arena | None = None, scale_m: float = 1.0
+    ) -> None:
+        self.limits = arena is not None and observes_place(fields)
         """Whether anything is limited."""
-        bounds: list[tuple[float, float]] = []
+        low: list[float] = []
+        high: list[float] = []
         for field in fields:
-            limited = self.limits and isinstance(field, Position)
-            bounds += arena if limited else [(-np.inf, np.inf)] * field.size
-        self._low, self._high = (np.array(bounds) / scale_m).astype(np.float32).T.copy()
+            inside = arena if isinstance(field, Position) else None
+            low += inside.low_m if inside else (-np.inf,) * field.size
+            high += inside.high_m if inside else (np.inf,) * field.size
+        self._low, self._high = (np.array([low, high]) / scale_m).astype(np.float32)
 
     def clamp(self, observation: Array) -> None:
         """Bring places in observations (n, O) to the nearest inside, axis by axis."""

@@ -6,7 +6,7 @@ import msgspec
 from msgspec.structs import replace
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.observation.border import Arena, check_arena
+from edge_runtime.observation.border import Arena
 from edge_runtime.policy.bundle import Bundle
 
 
@@ -20,11 +20,8 @@ class Adaptation(msgspec.Struct, frozen=True, omit_defaults=True):
     """Greatest magnitude of each action component, in its unit."""
     scale_m: float = 1.0
     """One of the policy's metres, in metres of the robot's world."""
-    training_arena_m: Arena = ()
+    training_arena: Arena | None = None
     """On whose border the policy observes places beyond, in the robot's metres."""
-
-    def __post_init__(self) -> None:
-        check_arena(self.training_arena_m)
 
 
 def adapt(bundle: Bundle, adaptation: Adaptation) -> Bundle:

@@ -9,7 +9,7 @@ from export.episodes.play import Decide, MakeDecide, Observations
 from export.evaluation.outlook import TeamBatch
 
 
-def bordered(make_decide: MakeDecide, observed: Observed, arena: Arena) -> MakeDecide:
+def bordered(make_decide: MakeDecide, observed: Observed, arena: Arena | None) -> MakeDecide:
     """Decide as if a robot beyond an arena stood on its border, all else that it observes as it is.
 
     Args:

@@ -16,7 +16,7 @@ from benchmarks.paper.oracle.endings import GRACE_STEPS, navigation_kinds
 from benchmarks.paper.policies import digest
 from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
-from benchmarks.paper.team_size.teams import MIXED_KG, TRAINING_ARENA_M, Team, TeamQuestion, TeamRow
+from benchmarks.paper.team_size.teams import MIXED_KG, TRAINING_ARENA, Team, TeamQuestion, TeamRow
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.policy.adaptation import Adaptation, adapt
@@ -93,7 +93,7 @@ def team_decider(team: Team, settings: Guided, bundle: Bundle) -> MakeDecide:
     """What a team's robots decide, each by its own mass if it is told it; the policy stays as it is."""
 
     def own(policy: Bundle) -> MakeDecide:
-        arena = TRAINING_ARENA_M if team.near else ()
+        arena = TRAINING_ARENA if team.near else None
         return bordered(decider(TASKS["navigation"], settings, policy), policy.manifest, arena)
 
     if not team.mixed or not team.told:

@@ -29,7 +29,7 @@ before, speed limit and margin kept. *At goal*: of the robots, when an episode e
 processor time of the numpy runtime. Failures by kind, in percent of the episodes, as `python -m benchmarks
 oracle` tells them apart: two that hold each other off, one that a parked one blocks, or who is merely late.
 Larger teams than four have a larger arena than the training's. In the first chapter their fleet files name
-that one (`training_arena_m`), so that places beyond it are observed on its border; elsewhere they do not."""
+that one (`training_arena`), so that places beyond it are observed on its border; elsewhere they do not."""
 HEADER = (
     *("team", "policies x episodes", "success, %", "worst policies", "at goal, %", "contact, %"),
     *("speeding, %", "margin, %", "time to goal, s", "tick, us", "failures"),

@@ -8,13 +8,14 @@ import msgspec
 
 from benchmarks.paper.policies import SEEDS
 from benchmarks.paper.settings import Guided
+from edge_runtime.observation.border import Arena
 from export.scenarios.definitions import NAVIGATION
 from export.scenarios.navigation import ARENA_HALF_WIDTH_M, ROBOTS
 
 SIZES = (2, 3, 4, 6, 8, 16, 32)
 HEARD = (3, 7)
 NARROW = (1.5, 2.0, 3.0)
-TRAINING_ARENA_M = ((-ARENA_HALF_WIDTH_M, ARENA_HALF_WIDTH_M),) * 2
+TRAINING_ARENA = Arena((-ARENA_HALF_WIDTH_M,) * 2, (ARENA_HALF_WIDTH_M,) * 2)
 """Where the training's robots start and have their goals."""
 MIXED_KG = (0.5, 1.0, 2.0)
 """Masses of a mixed team's robots, in turn; the policy knows robots of 1 kg."""
@@ -35,7 +36,7 @@ class Team(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     eased: bool = True
     """Whether the policy sees teammates farther away than they are, by ``ease_m``."""
     near: bool = False
-    """Whether places beyond `TRAINING_ARENA_M` are observed on its border, as by ``training_arena_m``."""
+    """Whether places beyond `TRAINING_ARENA` are observed on its border, as by ``training_arena``."""
 
     @property
     def half_width_m(self) -> float:
@@ -120,7 +121,7 @@ def chapters() -> dict[str, list[Asked]]:
     mixed = [Team(robots=size, mixed=True, told=told) for told in (True, False) for size in (4, 8, 16)]
     return {
         "Size, at the training's density": whole,
-        "Without training_arena_m: places beyond the training's observed as they are": far,
+        "Without training_arena: places beyond the training's observed as they are": far,
         "Only the nearest heard": _glance([Team(robots=16, neighbours=nearest) for nearest in HEARD]),
         "Less room": _glance(crowded),
         "Masses of 0.5, 1 and 2 kg in turn": _glance(mixed),
@@ -129,7 +130,7 @@ def chapters() -> dict[str, list[Asked]]:
 
 
 def _whole(team: Team) -> Asked:
-    return Asked(team, SEEDS, 1000 if team.robots <= 16 else 100)
+    return Asked(team, SEEDS, 100 if team.near or team.robots > 16 else 1000)
 
 
 def _glance(teams: Sequence[Team]) -> list[Asked]:

@@ -99,8 +99,8 @@ class Replay:
             path=str(bundle.directory / MANIFEST_FILE),
         )
         self._other_ranges = start.bundle.sha256 in bundle.manifest.supersedes
-        observed, arena = bundle.manifest.observation, adaptation.training_arena_m
-        _check_size(len(arena) or start.fleet.dims, start.fleet.dims, "training's arena")
+        observed, arena = bundle.manifest.observation, adaptation.training_arena
+        _check_size(len(arena.low_m) if arena else start.fleet.dims, start.fleet.dims, "training's arena")
         self._familiarity, self._border = Familiarity(observed), Border(observed, arena, adaptation.scale_m)
         self._policy, self._manifest = policy, bundle.manifest
         self._limits = _limits(start, bundle)

@@ -13,7 +13,7 @@ from benchmarks.paper.settings import Guided
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.team_size import team_size_command
 from benchmarks.paper.team_size.measure import make_world, question, team_decider
-from benchmarks.paper.team_size.teams import TRAINING_ARENA_M, Asked, Team, TeamRow, chapters
+from benchmarks.paper.team_size.teams import TRAINING_ARENA, Asked, Team, TeamRow, chapters
 from benchmarks.paper.tuning import tuned_default
 from edge_runtime.config.fleet import Team as FleetTeam
 from edge_runtime.config.network import Robot
@@ -54,9 +54,7 @@ def test_two_to_sixteen_robots_are_measured_as_the_tables_are():
     """Ten policies, 1,000 episodes of each, and the tables' guidance but for ``ease_m`` and more steps."""
     asked = {one.team: one for own in chapters().values() for one in own}
     for robots in (2, 3, 4, 6, 8, 16):
-        for near in {False, robots > 4}:
-            team = Team(robots=robots, near=near)
-            assert asked[team] == (team, SEEDS, 1000)
+        assert asked[Team(robots=robots)] == (Team(robots=robots), SEEDS, 1000)
     policy = find_policy(POLICIES, "navigation", "mafpo-chain", 0)
     asked_for = question(Team(robots=2), 0, policy, 10).settings
     tuned = tuned_default("navigation").guidance
@@ -95,7 +93,7 @@ def under_way(team, settings, episodes, steps):
 @pytest.mark.parametrize("asked_of", [MIXED, Team(robots=16, near=True)], ids=["mixed", "near"])
 def test_a_teams_robots_decide_as_the_runtime_does_with_mass_and_arena_in_the_fleet_file(asked_of):
     _, before, views, action = under_way(asked_of, SETTINGS, 6, 12)
-    fleet = FleetTeam(training_arena_m=TRAINING_ARENA_M if asked_of.near else ())
+    fleet = FleetTeam(training_arena=TRAINING_ARENA if asked_of.near else None)
     bundle, goals = packaged_bundle("navigation"), before["goal"].flatten(0, 1).tolist()
     asked = ObjectiveSet(TASKS["navigation"].objectives, SETTINGS.guidance)
     for row, (goal, decided) in enumerate(zip(goals, action.reshape(-1, 2), strict=True)):
@@ -104,7 +102,7 @@ def test_a_teams_robots_decide_as_the_runtime_does_with_mass_and_arena_in_the_fl
         guide, policy = guide_for(own.manifest, asked), own.policy()
         team = views.row(row)
         observation = Observer(own.manifest, tuple(goal)).observe(team, ease_m=guide.ease_m)
-        Border(own.manifest.observation, fleet.training_arena_m).clamp(observation)
+        Border(own.manifest.observation, fleet.training_arena).clamp(observation)
         expected = np.clip(guided_action(policy, observation, team, guide).action, -1.0, 1.0)
         np.testing.assert_allclose(decided, expected, atol=1e-4)
 

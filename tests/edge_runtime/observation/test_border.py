@@ -12,12 +12,14 @@ from networks import needs_kernel
 from edge_runtime.config.fleet import DEFAULT_FLEET
 from edge_runtime.messages import RobotState, TeamState
 from edge_runtime.observation import Position, Velocity
-from edge_runtime.observation.border import Border
+from edge_runtime.observation.border import Arena, Border
 from edge_runtime.run.edge_run import main as edge_run
 from edge_runtime.run.flags import make_mission, make_parser
 from edge_runtime.tools.replay.edge_replay import main as edge_replay
 
 FIELDS = (Velocity("velocity", 2, "m/s"), Position("position", 2, "m"), Velocity("again", 2, "m/s"))
+UNIT = Arena((-1.0, -1.0), (1.0, 1.0))
+UNIT_KEY = "training_arena = { low_m = [-1.0, -1.0], high_m = [1.0, 1.0] }"
 number = st.floats(-9.0, 9.0, width=32) | st.sampled_from([np.nan, np.inf, -np.inf])
 corner = st.floats(-4.0, 4.0)
 
@@ -38,7 +40,7 @@ def test_a_place_goes_to_the_nearest_inside_and_all_else_stays(rows, low, wide, 
     high = np.add(low, wide)
     seen = np.array(rows, np.float32)
     before = seen.copy()
-    Border(FIELDS, tuple(zip(low, high.tolist(), strict=True)), scale_m).clamp(seen)
+    Border(FIELDS, Arena(low, tuple(high.tolist())), scale_m).clamp(seen)
     nearest = np.clip(before[:, 2:4].astype(float), np.divide(low, scale_m), high / scale_m)
     np.testing.assert_allclose(seen[:, 2:4], nearest, rtol=1e-6, atol=1e-6)
     others = [0, 1, 4, 5]
@@ -47,7 +49,7 @@ def test_a_place_goes_to_the_nearest_inside_and_all_else_stays(rows, low, wide, 
 
 def test_without_an_arena_or_a_place_nothing_is_limited():
     seen = np.full((1, 4), 7.0, np.float32)
-    for fields, arena in ((FIELDS[:2], ()), ((FIELDS[0], FIELDS[2]), ((-1.0, 1.0),) * 2)):
+    for fields, arena in ((FIELDS[:2], None), ((FIELDS[0], FIELDS[2]), UNIT)):
         border = Border(fields, arena)
         border.clamp(seen)
         assert not border.limits
@@ -56,7 +58,7 @@ def test_without_an_arena_or_a_place_nothing_is_limited():
 
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=needs_kernel)])
 def test_a_run_observes_places_on_the_border_and_is_repeated_bit_for_bit(backend, tmp_path, capsys):
-    keys = "scale_m = 2.0\ntraining_arena_m = [[-1.0, 1.5], [-0.5, 0.5]]"
+    keys = "scale_m = 2.0\ntraining_arena = { low_m = [-1.0, -0.5], high_m = [1.5, 0.5] }"
     fleet = fleet_file(tmp_path, keys)
     (log,) = record(tmp_path, "--backend", backend, "--fleet", str(fleet))
     places = np.array([tick.state.own.position_m for tick in ticks(log)])
@@ -69,7 +71,7 @@ def test_a_run_observes_places_on_the_border_and_is_repeated_bit_for_bit(backend
 
 def test_a_place_on_the_border_decides_as_one_beyond_it(tmp_path):
     """But for the place nothing differs: no goal is observed nearer, no teammate."""
-    fleet = fleet_file(tmp_path, "training_arena_m = [[-1.0, 1.0], [-1.0, 1.0]]")
+    fleet = fleet_file(tmp_path, UNIT_KEY)
     mission = make_mission(make_parser().parse_args(["--robot-id", "0", "--fleet", str(fleet)]))
     near, far = (
         mission.controller(0).observe(TeamState(RobotState(0, 0.0, (x, 0.5), (0.1, 0.0)))).copy()
@@ -85,7 +87,8 @@ def test_a_place_beyond_is_unfamiliar_all_the_same(tmp_path, capsys):
     narrow = (replace(first, seen=((-5.0, -0.7), (-5.0, 5.0))), *others)
     write_straight_bundle(tmp_path / "narrow", replace(MANIFEST, observation=narrow))
     text = "[team]\n[[robots]]\nid = 0\nstart_m = [-0.6, 0.0]\ngoal_m = [0.8, 0.0]\n"
-    keys = 'policy = "./narrow"\nmax_unfamiliar_s = 0.1\ntraining_arena_m = [[-5.0, -0.7], [-5.0, 5.0]]'
+    arena = "training_arena = { low_m = [-5.0, -5.0], high_m = [-0.7, 5.0] }"
+    keys = f'policy = "./narrow"\nmax_unfamiliar_s = 0.1\n{arena}'
     (log,) = record(tmp_path, "--fleet", str(fleet_file(tmp_path, keys, text)))
     driven = ticks(log)
     assert {tick.observation.values[0] for tick in driven} == {float(np.float32(-0.7))}
@@ -99,15 +102,23 @@ def test_a_place_beyond_is_unfamiliar_all_the_same(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arena", "wanted"),
     [
-        ("[[-1.0, 1.0]]", "team.training_arena_m: has 1 axes; allowed with policy 'navigation': 2"),
-        ("[[1.0, -1.0], [0.0, 1.0]]", "team: `training_arena_m` must be [least, greatest] place on each"),
-        ("[[-1.0, 1e9], [0.0, 1.0]]", "within 1e+06 m, got [[-1.0, 1000000000.0], [0.0, 1.0]]"),
-        ("[[-1.0, nan], [0.0, 1.0]]", "team.training_arena_m[0][1]: must be a finite number"),
-        ("1.0", "team.training_arena_m: Expected `array`"),
+        (
+            "{ low_m = [0, 0, 0], high_m = [1, 1, 1] }",
+            "team.training_arena.low_m: has 3 components; allowed with policy 'navigation': 2",
+        ),
+        (
+            "{ low_m = [0, 0], high_m = [1, 1, 1] }",
+            "`high_m` must have as many components as `low_m`",
+        ),
+        ("{ low_m = [1, 0], high_m = [-1, 1] }", "`high_m` must be greater than `low_m` on each axis"),
+        ("{ low_m = [0, 0], high_m = [1e9, 1] }", "`high_m` must lie in [-1e+06, 1e+06], got 1e+09"),
+        ("{ low_m = [nan, 0], high_m = [1, 1] }", "training_arena.low_m[0]: must be a finite number"),
+        ("{ low_m = [0, 0] }", "team.training_arena.high_m: missing; allowed: low_m, high_m"),
+        ("1.0", "team.training_arena: Expected `object | null`, got `float`"),
     ],
 )
 def test_an_arena_that_is_none_is_refused_in_one_line(arena, wanted, tmp_path, capsys):
-    fleet = fleet_file(tmp_path, f"training_arena_m = {arena}")
+    fleet = fleet_file(tmp_path, f"training_arena = {arena}")
     assert edge_run(["--robot-id", "0", "--fleet", str(fleet), "--no-log"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert wanted in line
@@ -117,8 +128,8 @@ def test_an_arena_for_a_policy_that_is_not_told_its_place_is_refused(tmp_path, c
     blind = replace(MANIFEST, observation=(Velocity("once_more", 2, "m/s"), *MANIFEST.observation[1:]))
     write_straight_bundle(tmp_path / "blind", blind)
     text = "[team]\n[[robots]]\nid = 0\nstart_m = [-0.6, 0.0]\ngoal_m = [0.8, 0.0]\n"
-    keys = 'policy = "./blind"\ntraining_arena_m = [[-1.0, 1.0], [-1.0, 1.0]]'
+    keys = f'policy = "./blind"\n{UNIT_KEY}'
     fleet = fleet_file(tmp_path, keys, text)
     assert edge_run(["--robot-id", "0", "--fleet", str(fleet), "--no-log"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "team.training_arena_m: policy 'straight' does not observe where it is; leave it out" in line
+    assert "team.training_arena: policy 'straight' does not observe where it is; leave it out" in line

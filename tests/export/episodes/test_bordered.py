@@ -4,11 +4,11 @@ import numpy as np
 from bundles import MANIFEST
 
 from edge_runtime.messages import RobotState, TeamState
-from edge_runtime.observation.border import Border
+from edge_runtime.observation.border import Arena, Border
 from edge_runtime.observation.observer import Observer
 from export.episodes.bordered import bordered
 
-ARENA = ((-1.0, 1.0), (-0.5, 2.0))
+ARENA = Arena((-1.0, -0.5), (1.0, 2.0))
 
 
 def watching(seen):
@@ -33,4 +33,4 @@ def test_many_robots_observe_their_places_as_one_does():
 
 def test_without_an_arena_it_is_the_same_decision():
     decide = watching([])
-    assert bordered(decide, MANIFEST, ()) is decide
+    assert bordered(decide, MANIFEST, None) is decide
