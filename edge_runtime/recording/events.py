@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from edge_runtime.recording.schema import Event, LoggedObjectiveSet, Tick, Time
+from edge_runtime.recording.foxglove import Time
+from edge_runtime.recording.schema import Event, LoggedObjectiveSet, Tick
 
 INFO: Final = 2
 WARNING: Final = 3

@@ -4,7 +4,7 @@ import math
 
 from edge_runtime.messages import RobotState, TeamState, TrackedObject
 from edge_runtime.recording.events import unix_time
-from edge_runtime.recording.schema import Pose, PosesInFrame, Quaternion, Vector3
+from edge_runtime.recording.foxglove import Pose, PosesInFrame, Quaternion, Vector3
 
 FRAME = "team"
 """The common frame of all positions."""

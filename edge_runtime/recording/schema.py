@@ -24,6 +24,7 @@ from edge_runtime.messages import Action, Command, GuidedAction, Integer, Place,
 from edge_runtime.policy.adaptation import Adaptation
 from edge_runtime.policy.flow_steps import SamplerName
 from edge_runtime.policy.schema import MAX_STEPS
+from edge_runtime.recording.foxglove import PosesInFrame, Time
 
 LOG_FORMAT: Final = "cfpg-log/6"
 READ_FORMATS: Final = ("cfpg-log/2", "cfpg-log/3", "cfpg-log/4", "cfpg-log/5", LOG_FORMAT)
@@ -297,13 +298,6 @@ class Tick(msgspec.Struct, frozen=True, gc=False):
         return ""
 
 
-class Time(msgspec.Struct, frozen=True):
-    """Unix time as Foxglove's own schemas write it."""
-
-    sec: Integer
-    nsec: Integer
-
-
 class Event(msgspec.Struct, frozen=True):
     """Channel ``/events``: something that happened, as a ``foxglove.Log`` for Foxglove's Log panel."""
 
@@ -327,38 +321,6 @@ class End(msgspec.Struct, frozen=True):
     deadline_misses: Integer
     lost: Integer
     """Ticks that the loop could not hand over for recording."""
-
-
-class Vector3(msgspec.Struct, frozen=True):
-    """A point as Foxglove's own schemas write it."""
-
-    x: float
-    y: float
-    z: float
-
-
-class Quaternion(msgspec.Struct, frozen=True):
-    """A rotation as Foxglove's own schemas write it."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class Pose(msgspec.Struct, frozen=True):
-    """``foxglove.Pose``."""
-
-    position: Vector3
-    orientation: Quaternion
-
-
-class PosesInFrame(msgspec.Struct, frozen=True):
-    """Channel ``/poses``: ``foxglove.PosesInFrame`` for the 3D panel, own pose first; from ``/state``."""
-
-    timestamp: Time
-    frame_id: str
-    poses: tuple[Pose, ...]
 
 
 EVENTS: Final = (
