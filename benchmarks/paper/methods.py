@@ -17,6 +17,7 @@ from edge_runtime.policy.backend import make_policy
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.velocity_field import VelocityField
 from export.episodes.belief import believing
+from export.episodes.carried import carrying
 from export.episodes.ease import eased
 from export.episodes.play import Decide, MakeDecide, Observations, sampled
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
@@ -38,13 +39,23 @@ def _decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
         sample = sampled(partial(_field, bundle, settings), guide, joint)
-        return eased(sample, bundle.manifest, guide.ease_m)
+        return carrying(eased(sample, bundle.manifest, guide.ease_m), bundle.manifest)
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
-        return _post_processed(partial(descend, settings), _asked(task, settings), bundle)
+        asked = GuidanceSettings(
+            mode="none", scale=1.0, reach=settings.radius, goal_reach=settings.goal_radius
+        )
+        descended = _post_processed(
+            partial(descend, settings), ObjectiveSet(_asked(task, settings), asked), bundle
+        )
+        return carrying(eased(descended, bundle.manifest, settings.ease_m), bundle.manifest)
     if isinstance(settings, Shield):
-        return _post_processed(partial(shield, settings), _asked(task, settings), bundle)
+        asked = GuidanceSettings(mode="none", scale=1.0)
+        shielded = _post_processed(
+            partial(shield, settings), ObjectiveSet(_asked(task, settings), asked), bundle
+        )
+        return eased(shielded, bundle.manifest, settings.ease_m)
     return _preferring(settings.preference, bundle)
 
 
@@ -118,9 +129,8 @@ def _mean(bundle: Bundle) -> MakeDecide:
     return sampled(bundle.policy, make_guide(alone, bundle.manifest.motion))
 
 
-def _post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
+def _post_processed(adapt: Adapt, asked: ObjectiveSet, bundle: Bundle) -> MakeDecide:
     """A Gaussian policy whose mean action is adapted afterwards."""
-    asked = ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0))
     guide, predict = make_guide(asked, bundle.manifest.motion), _mean(bundle)
 
     def prepare(batch: int) -> Decide:

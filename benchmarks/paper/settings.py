@@ -18,6 +18,16 @@ class _Settings(
         return "mappo"
 
 
+def _seen(ease_m: float, *, belief: bool) -> list[str]:
+    """What a method sees differently, in words."""
+    return [f"ease {ease_m:g} m"] * (ease_m > 0.0) + ["belief"] * belief
+
+
+def _at_goal(reach: float | None) -> list[str]:
+    """How far actions are moved at the goal, in words."""
+    return [] if reach is None else [f"{reach:g} at the goal"]
+
+
 class Guided(_Settings, frozen=True, tag="guided"):
     """A flow policy, guided along its flow and, in mode ``terminal``, after it."""
 
@@ -45,8 +55,9 @@ class Guided(_Settings, frozen=True, tag="guided"):
         guidance = self.guidance
         words = [guidance.mode, f"eta {guidance.scale:g}", f"noise {guidance.start_noise:g}"]
         words += [f"reach {guidance.reach:g}"] * (guidance.mode == "terminal")
+        words += _at_goal(guidance.goal_reach)
         words += [f"look-ahead {self.look_ahead}"] * (self.look_ahead is not None)
-        return ", ".join(words)
+        return ", ".join([*words, *_seen(guidance.ease_m, belief=self.belief)])
 
 
 class Mean(_Settings, frozen=True, tag="mean"):
@@ -61,6 +72,8 @@ class Descent(_Settings, frozen=True, tag="descent"):
 
     radius: float = 0.5
     """rho, in units of the action."""
+    goal_radius: float | None = None
+    """The same where what the team carries is at its goal, as `GuidanceSettings.goal_reach`."""
     rate: float = 0.3
     """alpha; 1 is a full Newton step of one objective."""
     steps: int = 20
@@ -68,9 +81,13 @@ class Descent(_Settings, frozen=True, tag="descent"):
     """With what keeps robots out of each other's way, where the task has it."""
     belief: bool = False
     """See `Guided.belief`."""
+    ease_m: float = 0.0
+    """As `GuidanceSettings.ease_m`."""
 
     def __str__(self) -> str:
-        return f"radius {self.radius:g}, rate {self.rate:g}, {self.steps} steps"
+        words = [f"radius {self.radius:g}", *_at_goal(self.goal_radius)]
+        words += [f"rate {self.rate:g}", f"{self.steps} steps"]
+        return ", ".join([*words, *_seen(self.ease_m, belief=self.belief)])
 
 
 class Shield(_Settings, frozen=True, tag="shield"):
@@ -80,9 +97,11 @@ class Shield(_Settings, frozen=True, tag="shield"):
     """Of projections onto every objective's safe set in turn."""
     belief: bool = False
     """See `Guided.belief`."""
+    ease_m: float = 0.0
+    """As `GuidanceSettings.ease_m`."""
 
     def __str__(self) -> str:
-        return f"{self.rounds} rounds"
+        return ", ".join([f"{self.rounds} rounds", *_seen(self.ease_m, belief=self.belief)])
 
 
 class Preferring(_Settings, frozen=True, tag="preferring"):

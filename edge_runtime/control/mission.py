@@ -174,6 +174,8 @@ class Mission:
     def _check_sight(self, asked: ObjectiveSet) -> None:
         """Refuse objectives over obstacles where no sensor sees any, or over what nobody tracks."""
         fleet, body = self.fleet, self.bundle.manifest.body
+        if asked.guidance.goal_reach is not None and all(each.goal_m is None for each in fleet.tracked):
+            refuse(fleet.path, "tracked", "none has a `goal_m`, which `goal_reach` waits for")
         for objective in asked.objectives:
             self._check_tracked(objective)
             if not objective.sight_m:

@@ -11,6 +11,7 @@ bind at once, the cone's step keeps neither: what cures the one opposes the othe
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 from msgspec.structs import replace
@@ -36,8 +37,8 @@ Descents = Callable[[Sequence[int], Vector], tuple[list[float], list[Vector]]]
 """Costs of the objectives at these places, and the directions -grad J_m in which they fall."""
 
 
-def corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) -> GuidedAction:
-    """Move a finished action at tau = 1: as preferences wish, then as is required."""
+def corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide, reach: float) -> GuidedAction:
+    """Move a finished action at tau = 1: as preferences wish, by ``reach`` at most, then as is required."""
     costs = [0.0] * len(outlooks)
 
     def descents(members: Sequence[int], action: Vector) -> tuple[list[float], list[Vector]]:
@@ -46,7 +47,8 @@ def corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) 
 
     action, rest = sampled.action, (0.0,) * len(sampled.action)
     try:
-        for members, move in ((guide.preferences, _preferred), (guide.requirements, _required)):
+        preferred = partial(_preferred, reach)
+        for members, move in ((guide.preferences, preferred), (guide.requirements, _required)):
             if members:
                 action, found = move(action, guide, descents)
                 for m, cost in zip(members, found, strict=True):
@@ -64,7 +66,7 @@ def corrected(sampled: GuidedAction, outlooks: Sequence[Outlook], guide: Guide) 
     return replace(sampled, action=action, costs=tuple(costs), correction=moved)
 
 
-def _preferred(sampled: Vector, guide: Guide, descents: Descents) -> tuple[Vector, list[float]]:
+def _preferred(reach: float, sampled: Vector, guide: Guide, descents: Descents) -> tuple[Vector, list[float]]:
     """Steps of the weighted sum of all preferences, each back into the ball of radius ``reach``.
 
     Returns:
@@ -75,7 +77,7 @@ def _preferred(sampled: Vector, guide: Guide, descents: Descents) -> tuple[Vecto
     for _ in range(PREFERENCE_STEPS):
         costs, directions = descents(guide.preferences, action)
         move = plus(plus(action, PREFERENCE_RATE, weighted_sum(directions, weights)), -1.0, sampled)
-        kept = min(1.0, guide.asked.guidance.reach / max(math.hypot(*move), TINY))
+        kept = min(1.0, reach / max(math.hypot(*move), TINY))
         action = plus(sampled, kept, move)
     return action, costs
 

@@ -29,6 +29,7 @@ from edge_runtime.guidance.correction import corrected
 from edge_runtime.guidance.guide import Guide
 from edge_runtime.guidance.native_flow import native_flow
 from edge_runtime.guidance.projection import COMBINE, harmonize, project_onto_nominal, weighted_sum
+from edge_runtime.guidance.reach import reach_now
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope
 from edge_runtime.messages import GuidedAction, TeamState, Vector
 from edge_runtime.motion.outlook import Outlook
@@ -75,7 +76,9 @@ def guided_action(
         return _usable(native_flow(policy.sampler, team, obstacles, guide, start, deadline_s, most_steps))
     outlooks = [guide.outlook(place, team, obstacles) for place in range(len(guide.objectives))]
     sampled = _usable(_flow(policy, outlooks, guide, start, deadline_s, most_steps))
-    return _usable(corrected(sampled, outlooks, guide)) if guide.corrected and not sampled.fault else sampled
+    if sampled.fault or not guide.corrected:
+        return sampled
+    return _usable(corrected(sampled, outlooks, guide, reach_now(guide.asked.guidance, team.tracked)))
 
 
 def _flow(

@@ -62,7 +62,7 @@ class Guide(msgspec.Struct, frozen=True):
     corrected: bool
     """Whether the finished action is corrected at tau = 1: modes ``terminal`` and ``correction``."""
     preferences: tuple[int, ...]
-    """Those that move the finished action by ``reach`` at most."""
+    """Those that move the finished action so far at most as `reach_now` says."""
     requirements: tuple[int, ...]
     """Those that move it as far as it takes."""
     start_noise: float
@@ -135,7 +135,6 @@ def make_guide(
             model.dims,
             rounds,
             PREFERENCE_RATE,
-            settings.reach,
             steps,
         ),
         tracked=tracked,

@@ -3,6 +3,7 @@
 import time
 
 from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.reach import reach_now
 from edge_runtime.guidance.slopes import ObjectiveError, action_slope, not_finite
 from edge_runtime.messages import GuidedAction, TeamState, Vector, Vector2
 from edge_runtime.motion.outlook import Outlook, later
@@ -59,6 +60,7 @@ def _view(team: TeamState, obstacles: tuple[Vector2, ...], guide: Guide) -> list
         view += state.position_m
         view += state.velocity_m_s
         view += mate.intended_action
+    view.append(reach_now(guide.asked.guidance, team.tracked))
     return view
 
 

@@ -40,6 +40,12 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     reach: float = 0.5
     """How far preferences (formations, clusters) may move the finished action, in units of the action;
     requirements move it as far as it takes. Modes ``terminal`` and ``correction`` only."""
+    goal_reach: float | None = None
+    """The same where every tracked object that has a goal is within ``goal_within_m`` of it; None for
+    ``reach`` there, too. A load that is still under way is carried by the policy, one that is there can be
+    held in any formation."""
+    goal_within_m: float = 0.1
+    """How near that is."""
     requirement_steps: int = 5
     """In so many Newton steps at most requirements move it: one alone takes one, those that bind at once two
     or three. Where the motion model is not linear, it is one. Modes ``terminal`` and ``correction`` only."""
@@ -51,10 +57,10 @@ class GuidanceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     away from each other, neither passes. Real readings, which may be of anything, stay as they are."""
 
     def __post_init__(self) -> None:
-        numbers = ("scale", "reach", "start_noise", "ease_m")
+        numbers = ("scale", "reach", "goal_reach", "goal_within_m", "start_noise", "ease_m")
         for field in numbers:
             value = getattr(self, field)
-            if not (math.isfinite(value) and value >= 0.0):
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"`{field}` must be finite and not negative, got {value}")
         check_bounds(self, {**dict.fromkeys(numbers, (0.0, GREATEST)), "requirement_steps": (1, MOST_STEPS)})
 

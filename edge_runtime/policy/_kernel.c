@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Of the numbers that cross the border to Python; compiled_policy.py asks for the same. */
-#define INTERFACE 6
+#define INTERFACE 7
 
 #include "_kernel_guidance.h"
 #include "_kernel_network.h"
@@ -328,6 +328,8 @@ static bool look(NetworkObject *self, const Sight *sight, PyObject *views, Fligh
     for (size_t t = 0; enough && t < terms; t++)
         flight->terms[t] = outlook(&steering->objectives[t % count], d, dims, sight,
                                    (double *)buffer.buf + (Py_ssize_t)(t / count) * size, points + t * most);
+    for (int b = 0; enough && b < flight->robots; b++)
+        flight->samples[b] = (Sample){.fault = -1, .reach = ((double *)buffer.buf)[(b + 1) * size - 1]};
     PyBuffer_Release(&buffer);
     return enough;
 }
@@ -402,7 +404,7 @@ static PyObject *network_sample(NetworkObject *self, PyObject *arguments)
         return NULL;
     flight.own = own;
     if (look(self, &sight, views, &flight)) {
-        *flight.samples = (Sample){.action = action, .fault = -1};
+        flight.samples->action = action;
         if (fly(self, &flight, left_s, most_steps))
             sampled = sample_tuple(flight.samples, self->net.action_dim, steering.count);
     }
@@ -423,10 +425,8 @@ static bool needs_no_python(const Steering *steering)
 static bool sample_all(NetworkObject *self, Flight *flight, double *actions)
 {
     const int d = self->net.action_dim;
-    for (int b = 0; b < flight->robots; b++) {
-        flight->samples[b] = (Sample){.fault = -1};
+    for (int b = 0; b < flight->robots; b++)
         memcpy(flight->samples[b].action.at, actions + (size_t)b * d, sizeof(double) * d);
-    }
     if (!fly(self, flight, INFINITY, self->net.steps))
         return false;
     for (int b = 0; b < flight->robots; b++)

@@ -17,6 +17,7 @@
 /* One robot's action on its way along the flow, and what happened to it. */
 typedef struct {
     Vector action, correction;
+    double reach;               /* how far preferences move it at most */
     Vector estimate, guidance, network; /* of the newest step; the network is N of flow_steps.py */
     int steps, projections;
     int opposed; /* steps in which eq. 15 took something away */
@@ -209,7 +210,7 @@ INLINE bool prefer(const int d, const Flight *flight, const Term *terms, Sample 
             combine(d, NONE, directions, weights, count, NULL, &move, &opposed);
             move = add_scaled(d, action, steering->rate, &move);
             move = add_scaled(d, &move, -1.0, &finished);
-            const double kept = fmin(1.0, steering->reach / fmax(length_of(d, &move), TINY));
+            const double kept = fmin(1.0, sample->reach / fmax(length_of(d, &move), TINY));
             *action = add_scaled(d, &finished, kept, &move);
         }
     }

@@ -73,7 +73,6 @@ typedef struct {
     int dims, count; /* of the robot's world, 2 or 3, and of its objectives */
     int rounds;      /* in which preferences correct a finished action; below 0 there is no correction, */
     double rate;     /* by this share of a Newton step each, */
-    double reach;    /* and so far at most; */
     int steps;       /* and in so many at most requirements */
     Objective objectives[MAX_TERMS];
 } Steering;
@@ -83,13 +82,14 @@ typedef struct {
     int mates, obstacles, tracked;
 } Sight;
 
-/* Numbers of one view: the robot, its obstacles (x, y), tracked objects, and teammates with their actions. */
+/* Numbers of one view: the robot, its obstacles (x, y), tracked objects, teammates with their actions, and how
+ * far preferences may move the finished action. */
 INLINE int robot_size(int dims) { return 1 + 2 * dims; } /* number or presence, position, velocity */
 INLINE Py_ssize_t view_size(int d, int dims, const Sight *sight)
 {
     return robot_size(dims) + 2 * (Py_ssize_t)sight->obstacles +
            robot_size(dims) * (Py_ssize_t)sight->tracked +
-           (robot_size(dims) + d) * (Py_ssize_t)sight->mates;
+           (robot_size(dims) + d) * (Py_ssize_t)sight->mates + 1;
 }
 
 /* The most points of one term. */
@@ -150,22 +150,21 @@ static bool read_objective(const double **next, const double *end, int d, int di
     return kind == PYTHON || read_axes(head + 7, d, dims, objective);
 }
 
-/* Reads (projection, steers, count, dims, rounds, rate, reach, steps) and that many objectives; the place of the one
+/* Reads (projection, steers, count, dims, rounds, rate, steps) and that many objectives; the place of the one
  * that does not hold what its kind takes, -1 if it is the head, and `count` if all is well. */
 static int read_steering(const double *numbers, Py_ssize_t size, int d, Steering *steering)
 {
-    const double *next = numbers + 8, *end = numbers + size;
+    const double *next = numbers + 7, *end = numbers + size;
     int projection, steers;
-    if (size < 8 || !read_count(numbers[0], 0, PROJECTIONS - 1, &projection) ||
+    if (size < 7 || !read_count(numbers[0], 0, PROJECTIONS - 1, &projection) ||
         !read_count(numbers[1], 0, 1, &steers) || !read_count(numbers[2], 0, MAX_TERMS, &steering->count) ||
         !read_count(numbers[3], 2, 3, &steering->dims) ||
         !read_count(numbers[4], -1, 1000, &steering->rounds) ||
-        !read_count(numbers[7], 1, 1000, &steering->steps))
+        !read_count(numbers[6], 1, 1000, &steering->steps))
         return -1;
     steering->projection = (Projection)projection;
     steering->steers = steers;
     steering->rate = numbers[5];
-    steering->reach = numbers[6];
     for (int m = 0; m < steering->count; m++)
         if (!read_objective(&next, end, d, steering->dims, &steering->objectives[m]))
             return m;

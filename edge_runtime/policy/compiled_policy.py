@@ -27,7 +27,7 @@ from edge_runtime.policy.velocity_field import (
 )
 from edge_runtime.policy.weights import FlowWeights
 
-INTERFACE: Final = 6
+INTERFACE: Final = 7
 """Of the kernel that this module was written for; see ``_kernel.c``."""
 
 

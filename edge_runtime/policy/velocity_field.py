@@ -24,7 +24,7 @@ class Term(NamedTuple):
     weight: float
     """What its gradient counts among those of other preferences."""
     preference: bool
-    """Whether it moves a finished action by ``reach`` at most."""
+    """Whether it moves a finished action by the view's reach at most."""
     horizon_s: float
     """How far ahead it looks."""
     motion: Vector
@@ -49,8 +49,6 @@ class Steering(NamedTuple):
     requirements alike."""
     rate: float
     """The share of a Newton step that each of these rounds takes."""
-    reach: float
-    """How far preferences move the finished action at most."""
     steps: int
     """In which requirements correct it after them at most."""
 
@@ -107,7 +105,7 @@ class Sampler(Protocol):
             sight: how many things the robot sees.
             view: what it sees: its number, position and velocity; x and y of each obstacle; of each tracked
                 object 1, or 0 if it is not there, position and velocity; of each teammate its number,
-                position, velocity and action.
+                position, velocity and action; and how far preferences may move the finished action.
             start: the flow's start (d,).
             left_s: seconds from now by which the action is needed; may be infinite.
             most_steps: cut short after so many steps; T for all of them.

@@ -220,6 +220,9 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     objectives: tuple[LoggedObjective, ...]
     ease_m: float = 0.0
     """How much farther away than they are the policy saw teammates, as asked for."""
+    goal_reach: float | None = None
+    """The reach where what is tracked was at its goals; None for the same."""
+    goal_within_m: float = 0.1
     requirement_steps: Integer = 1
     """In which requirements moved a finished action at most."""
     bundle: BundleIdentity | None = None

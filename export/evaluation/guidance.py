@@ -8,7 +8,7 @@ import numpy.typing as npt
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.correction import KEPT, LESS, SHARPEST, TINY
 from edge_runtime.guidance.guide import Guide
-from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS
+from edge_runtime.guidance.settings import PREFERENCE_RATE, PREFERENCE_STEPS, GuidanceSettings
 from edge_runtime.policy.velocity_field import PYTHON, Sight, Steering, VelocityField
 from export.evaluation.objectives import evaluate_batch
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
@@ -56,7 +56,7 @@ def guided_actions(
         before, network = network, step.network(action, velocity)
         action = step.end(action, network, before, guidance)
     if guide.preferences:
-        action = _preferred(action, outlooks, guide)
+        action = _preferred(action, outlooks, guide, reach_batch(guide.asked.guidance, team))
     if guide.requirements:
         action = _required(action, outlooks, guide)
     return action
@@ -79,11 +79,20 @@ def _views(team: TeamBatch, guide: Guide) -> tuple[Sight, Floats]:
         parts += [values[:, : guide.steering.dims] for values in places]
     around = (team.mate_id[..., None], mates.position_m, mates.velocity_m_s, team.mate_action)
     parts.append(np.concatenate(around, -1).reshape(robots, -1))
+    parts.append(reach_batch(guide.asked.guidance, team)[:, None])
     return Sight(team.mate_id.shape[1], 0, len(guide.tracked)), np.concatenate(parts, 1)
 
 
-def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) -> Floats:
-    """Move finished actions (B, d) as preferences wish, within ``reach``."""
+def reach_batch(guidance: GuidanceSettings, team: TeamBatch) -> Floats:
+    """`edge_runtime.guidance.reach.reach_now` for B robots, (B,)."""
+    reach = np.full(len(team.robot_id), guidance.reach)
+    if guidance.goal_reach is not None and team.left_m is not None:
+        reach[team.left_m <= guidance.goal_within_m] = guidance.goal_reach
+    return reach
+
+
+def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide, reach: Floats) -> Floats:
+    """Move finished actions (B, d) as preferences wish, within their reach (B,)."""
     members, weights = (
         list(guide.preferences),
         np.array([guide.objectives[m].weight for m in guide.preferences]),
@@ -93,7 +102,7 @@ def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) 
         _, slopes = action_slopes(guide, outlooks, action)
         move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes[members]) - sampled
         length = np.linalg.norm(move, axis=-1, keepdims=True)
-        action = sampled + move * np.minimum(1.0, guide.asked.guidance.reach / np.maximum(length, TINY))
+        action = sampled + move * np.minimum(1.0, reach[:, None] / np.maximum(length, TINY))
     return action
 
 

@@ -76,6 +76,8 @@ class TeamBatch:
     """(B, K, d), the teammates' intended actions."""
     tracked: Mapping[str, MotionBatch] = field(default_factory=dict)
     """The tracked objects by their names, each as B robots see it."""
+    left_m: Floats | None = None
+    """How far the tracked objects that have a goal are from it, (B,), the greatest distance; None without."""
 
     @classmethod
     def of_teams(cls, position_m: Floats, velocity_m_s: Floats, action: Floats) -> "TeamBatch":
@@ -102,6 +104,7 @@ class TeamBatch:
             self.mates.take(rows),
             self.mate_action[rows],
             {name: motion.take(rows) for name, motion in self.tracked.items()},
+            None if self.left_m is None else self.left_m[rows],
         )
 
     def row(self, index: int) -> TeamState:

@@ -10,6 +10,7 @@ from edge_runtime.guidance.guide import Guide, make_guide
 from edge_runtime.policy.numpy_policy import FlowPolicy
 from export.algorithms.base import Algorithm
 from export.common.distributed import CPU, Workers
+from export.episodes.carried import carrying
 from export.episodes.judges import make_judge
 from export.episodes.neighbourhood import Setting
 from export.episodes.play import play, sampled
@@ -59,6 +60,7 @@ def _success(group: _Group, algorithm: Algorithm) -> float:
     judge = make_judge(judged, world.environments)
     world.load_state_dict(group.beginning)
     decide = sampled(lambda batch: FlowPolicy(weights, steps, batch), _guide(group, algorithm))
+    decide = carrying(decide, world.facts)
     heard = Setting(episodes=world.environments, episodes_seed=group.seed)
     play(world, decide, judge, heard, judged.steps, group.seed)
     return float(judge.outcome().satisfied.mean())

@@ -28,7 +28,16 @@ def as_batch(teams) -> TeamBatch:
             name: moving(np.array([_motion(each) for each in seen]))
             for name, seen in _by_name(team.tracked for team in teams).items()
         },
+        left_m=_left(teams),
     )
+
+
+def _left(teams):
+    """How far what has a goal is from it, if anything has one."""
+    ways = [
+        [np.subtract(each.position_m, each.goal_m) for each in team.tracked if each.goal_m] for team in teams
+    ]
+    return np.linalg.norm(ways, axis=-1).max(1) if all(ways) else None
 
 
 def _by_name(tracked):

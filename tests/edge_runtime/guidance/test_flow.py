@@ -269,7 +269,16 @@ def test_without_scale_or_weight_the_flow_is_unguided():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"scale": math.inf}, {"scale": -1.0}, {"start_noise": math.nan}, {"reach": -0.1}, {"reach": math.inf}],
+    [
+        {"scale": math.inf},
+        {"scale": -1.0},
+        {"start_noise": math.nan},
+        {"reach": -0.1},
+        {"reach": math.inf},
+        {"goal_reach": -0.1},
+        {"goal_reach": math.nan},
+        {"goal_within_m": math.inf},
+    ],
 )
 def test_bad_settings_are_refused(wrong):
     with pytest.raises(ValueError, match="finite and not negative"):

@@ -67,6 +67,8 @@ guidance = st.builds(
     mode=st.sampled_from(get_args(Mode)),
     scale=st.floats(0.01, 1.0),
     reach=number,
+    goal_reach=st.none() | number,
+    goal_within_m=number,
     requirement_steps=st.integers(1, 6),
 )
 POLICIES = {
@@ -81,8 +83,10 @@ def scene(draw, model, mates, ids=None):
     team = random_team(draw, mates, ids, model)
     places, velocities = draw.uniform(-0.5, 0.5, (2, 2, model.dims)).tolist()
     tracked = [
-        TrackedObject(name, 0.0, tuple(place), tuple(velocity))
-        for name, place, velocity in zip(("door", "person"), places, velocities, strict=True)
+        TrackedObject(name, 0.0, tuple(place), tuple(velocity), goal_m=goal)
+        for name, place, velocity, goal in zip(
+            ("door", "person"), places, velocities, (None, (0.0,) * model.dims), strict=True
+        )
     ]
     ranges = tuple(draw.uniform(0.0, 0.5, len(SENSOR.rays)).tolist()) if model.dims == 2 else None
     return replace(team, tracked=tuple(tracked), ranges_m=ranges, silent=team.teammates[:1])

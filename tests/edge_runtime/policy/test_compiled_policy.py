@@ -163,19 +163,19 @@ def test_a_velocity_that_is_not_finite_is_no_objectives_fault(make_compiled, ste
 
 def program(count, dims=2.0, rounds=-1.0, steps=5.0):
     """The head that so many terms follow."""
-    return [0.0, 1.0, float(count), dims, rounds, 0.5, 0.5, steps]
+    return [0.0, 1.0, float(count), dims, rounds, 0.5, steps]
 
 
 NO_TERMS, PYTHON_TERM = program(0), [9.0, 1.0, 1.0, 0.0, 0.1, 0.0, 0.0]
 
 
-def sample(net, program=NO_TERMS, sight=(0, 0, 0), view=(0.0,) * 5, start=(0.0, 0.0)):
+def sample(net, program=NO_TERMS, sight=(0, 0, 0), view=(0.0,) * 6, start=(0.0, 0.0)):
     return net.sample(np.asarray(program), sight, np.asarray(view), start, 1.0, 9, None)
 
 
 def batch(net, program=NO_TERMS, actions=None):
     actions = np.zeros((1, 2)) if actions is None else actions
-    return net.sample_batch(np.asarray(program), (0, 0, 0), np.zeros(5), actions)
+    return net.sample_batch(np.asarray(program), (0, 0, 0), np.zeros(6), actions)
 
 
 @pytest.mark.parametrize(
@@ -189,13 +189,13 @@ def batch(net, program=NO_TERMS, actions=None):
         (lambda net: net.observe(np.zeros((1, 36), "f")[:, ::2]), ValueError),
         (lambda net: net.observe(np.zeros((1, 17), "f")), ValueError),
         (lambda net: sample(net, program=[9.0, *NO_TERMS[1:]]), ValueError),
-        (lambda net: sample(net, program=NO_TERMS[:7]), ValueError),
+        (lambda net: sample(net, program=NO_TERMS[:6]), ValueError),
         (lambda net: sample(net, program=np.array(NO_TERMS, "f")), ValueError),
         (lambda net: sample(net, sight=(1, 0, 0)), ValueError),
         (lambda net: sample(net, sight=(-1, 0, 0)), ValueError),
         (lambda net: sample(net, sight=(0, 0)), TypeError),
-        (lambda net: sample(net, view=[0.0] * 6), ValueError),
-        (lambda net: sample(net, view=np.zeros(5, "f")), ValueError),
+        (lambda net: sample(net, view=[0.0] * 5), ValueError),
+        (lambda net: sample(net, view=np.zeros(6, "f")), ValueError),
         *(
             (lambda net, start=start: sample(net, start=start), error)
             for start, error in (

@@ -47,7 +47,7 @@ def test_batch_and_single_agree(make_backend, mode, objectives, sampler):
 
 def door(draw, dims):
     place, velocity = draw.uniform(-0.5, 0.5, (2, dims)).tolist()
-    return TrackedObject("door", 0.0, tuple(place), tuple(velocity))
+    return TrackedObject("door", 0.0, tuple(place), tuple(velocity), goal_m=(0.0,) * dims)
 
 
 @pytest.mark.parametrize("name", [name for name, model in EXAMPLES.items() if model.action_dim <= 4])
@@ -55,7 +55,7 @@ def test_a_batch_of_any_model_is_its_robots_one_by_one(make_backend, name):
     model, draw = EXAMPLES[name], np.random.default_rng(6)
     asked = [*OBJECTIVES[:2], *WISHES, Geofence(centre_m=(0.1, 0.0), radius_m=0.3)]
     asked += [TrackedMargin(object=name, distance_m=0.4) for name in ("door", "ghost")]
-    guide = guide_for([each for each in asked if not each.refuses(model)], model, scale=1.0)
+    followed = [each for each in asked if not each.refuses(model)]
     weights, teams = (
         random_weights(action_dim=model.action_dim),
         [replace(random_team(draw, model=model), tracked=(door(draw, model.dims),)) for _ in range(5)],
@@ -64,6 +64,8 @@ def test_a_batch_of_any_model_is_its_robots_one_by_one(make_backend, name):
         draw.standard_normal((5, 18)).astype(np.float32),
         draw.standard_normal((5, model.action_dim)),
     )
+    middle_m = float(np.median(as_batch(teams).left_m))  # where some of them have arrived
+    guide = guide_for(followed, model, scale=1.0, goal_reach=3.0, goal_within_m=middle_m)
     many = guided_actions(make_backend(weights, 4, 5), observations, as_batch(teams), guide, starts)
     policy = make_backend(weights, 4)
     for i, team in enumerate(teams):

@@ -29,6 +29,8 @@ weight = 2.0
 mode = "terminal"
 scale = 10.0
 reach = 0.5
+goal_reach = 2.0
+goal_within_m = 0.1
 requirement_steps = 5
 start_noise = 1.0
 """
