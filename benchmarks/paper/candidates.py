@@ -5,10 +5,18 @@ from itertools import product
 from msgspec.structs import replace
 
 from benchmarks.paper.settings import UNGUIDED, Descent, Guided, Mean, Preferring, Settings, Shield
+from benchmarks.paper.tasks import TASKS
 from edge_runtime.guidance.settings import GuidanceSettings, Mode
 
 SCALES = (0.3, 1.0, 3.0, 10.0, 20.0, 30.0, 60.0, 100.0)
+RADII = (0.25, 0.5, 1.0, 2.0)
 ROUNDS = (1, 2, 3, 5, 10, 20, 50, 100)
+CHOICES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "navigation": ({"ease_m": 0.0}, {"ease_m": 0.1}),
+    "balance": ({"reach": 0.5}, {"reach": 0.3, "goal_reach": 2.0}),
+    "sampling": ({"reach": 2.0}, {"reach": 4.0}),
+}
+"""What the default mode chooses between, by task."""
 PREFERENCES = (
     (0.34, 0.33, 0.33),
     (0.5, 0.25, 0.25),
@@ -27,24 +35,26 @@ ALONE: dict[str, Settings] = {"unguided flow": UNGUIDED, "unguided MAPPO": Mean(
 """The policies alone, for their nominal metrics."""
 
 
-def candidates(method: str) -> list[Settings]:
-    """The eight settings of a method. The tables were tuned and measured with one step for requirements."""
+def candidates(method: str, task: str) -> list[Settings]:
+    """The eight settings of a method on a task; who corrects actions has the belief, if there is one."""
+    belief = bool(TASKS[task].belief)
     if method == "CFPG":
         return [
             Guided(
-                guidance=GuidanceSettings(scale=0.3, reach=reach, requirement_steps=1, start_noise=noise),
+                guidance=GuidanceSettings(scale=0.3, start_noise=noise, **choice),
                 deconfliction=True,
+                belief=belief,
                 look_ahead=ahead,
             )
-            for reach, noise, ahead in product((0.5, 2.0), (0.5, 1.0), (None, 1))
+            for choice, noise, ahead in product(CHOICES[task], (0.5, 1.0), (None, 1))
         ]
     if method in PROJECTIONS:
         return [Guided(guidance=GuidanceSettings(mode=PROJECTIONS[method], scale=s)) for s in SCALES]
     if method == "MAPPO+PGD":
-        grid = product((0.25, 0.5, 1.0, 2.0), (0.1, 0.5))
-        return [Descent(radius=radius, rate=rate) for radius, rate in grid]
+        grid = product(RADII, (0.1, 0.5))
+        return [Descent(radius=radius, rate=rate, belief=belief) for radius, rate in grid]
     if method == "MAPPO+SHLD":
-        return [Shield(rounds=rounds) for rounds in ROUNDS]
+        return [Shield(rounds=rounds, belief=belief) for rounds in ROUNDS]
     return [Preferring(preference=preference) for preference in PREFERENCES]
 
 

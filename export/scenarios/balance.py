@@ -1,6 +1,6 @@
 """VMAS Balance: five discs under a loose line lift the package on it to a goal, against gravity.
 
-Simulation and reward are those of VMAS 1.5.2. Episodes start by this module's own vectorised reset; the
+Simulation and reward are those of VMAS 1.5.2, and in training `GOAL_REWARD` more. Episodes start by this module's own vectorised reset; the
 line's inclination is observed as sin(2 angle), since VMAS' own angle modulo pi jumps where the line is level.
 """
 
@@ -43,6 +43,12 @@ START_DISTANCE_M = 1.55
 FLYING_SHARE = 0.5
 """Share of the training episodes that start in flight, robots anywhere under the line and in motion:
 states which guidance leads to and which the policy would not enter by itself."""
+FAR_SHARE = 0.35
+"""Share of the training episodes whose goal lies on the other side of the middle, half the arena or more away
+along x: the ways that take the longest, on a line that tilts the most."""
+GOAL_REWARD = 0.5
+"""For each step of the training with the package on its goal, about what a step on the way there brings: the
+way alone rewards whoever stops a centimetre before it as well."""
 
 HELD_SHARE = 0.5
 """Share of the training episodes in which something holds the robots in a formation: whatever guides them
@@ -95,7 +101,9 @@ class Balance(VmasTeams):
 
     def __init__(self, environments: int, seed: int, device: torch.device, *, training: bool) -> None:
         self._flying_share = FLYING_SHARE if training else 0.0
+        self._far_share = FAR_SHARE if training else 0.0
         self._held_share = HELD_SHARE if training else 0.0
+        self._goal_reward = GOAL_REWARD if training else 0.0
         self._slot = torch.zeros(environments, ROBOTS, device=device)
         self._hold = torch.zeros(environments, 1, device=device)
         self._vmas = simulate(_SilentBalance(), environments, seed, device, n_agents=ROBOTS)
@@ -131,10 +139,10 @@ class Balance(VmasTeams):
     def step(self, action: Tensor) -> Transition:
         """Apply actions (B, N, 2), the sum with what holds the robots clamped to [-1, 1], for 0.1 s."""
         _, reward, _, _ = self._vmas.step(list((action + self._holding()).unbind(1)))
-        fallen = self._vmas.scenario.on_the_ground
+        fallen, on_goal = self._vmas.scenario.on_the_ground, self.nominal() < ON_GOAL_M
         return Transition(
-            reward=torch.stack(reward, 1),
-            succeeded=self.nominal() < ON_GOAL_M,
+            reward=torch.stack(reward, 1) + self._goal_reward * on_goal[:, None],
+            succeeded=on_goal,
             failed=fallen,
             terminated=fallen,
         )
@@ -146,7 +154,7 @@ class Balance(VmasTeams):
         return 0.9 * metrics.success + 0.1 * min(max(progress, 0.0), 1.0)
 
     def _starts(self, count: int) -> State:
-        starts = draw_starts(count, self._flying_share, self._draw)
+        starts = draw_starts(count, self._flying_share, self._far_share, self._draw)
         slot, hold = self._draw_formations(count)
         return {**starts, "slot": slot, "hold": hold}
 

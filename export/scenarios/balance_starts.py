@@ -24,8 +24,8 @@ LARGEST_DEPTH_M = 0.15
 """Half of the flying robots are up to this far below the line, the other half touch it."""
 
 
-def draw_starts(count: int, flying_share: float, draw: Draw) -> State:
-    """Draw ``count`` starts, ``flying_share`` of them in flight on average.
+def draw_starts(count: int, flying_share: float, far_share: float, draw: Draw) -> State:
+    """Draw ``count`` starts, ``flying_share`` of them in flight on average, ``far_share`` far from the goal.
 
     Returns:
         Robots, package, goal and line by name: positions and velocities (count, .., 2), angles (count, 1).
@@ -34,6 +34,9 @@ def draw_starts(count: int, flying_share: float, draw: Draw) -> State:
     start, flight = _on_the_floor(draw, count), _in_flight(draw, count)
     for name, value in flight.items():
         start[name][flying] = value[flying]
+    far = draw.uniform(count, low=0.0) < far_share
+    goal, package = start["goal"][..., 0], start["package"][..., 0]
+    start["goal"][..., 0] = torch.where(far, -package.sign() * (0.5 + 0.5 * goal.abs()), goal)
     return start
 
 

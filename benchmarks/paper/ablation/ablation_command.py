@@ -1,6 +1,6 @@
 """``python -m benchmarks ablation``: what each part of the tuned default is good for.
 
-On policies of seeds that tuning never saw; rows come and resume as those of the tables do.
+Rows come and resume as those of the tables do.
 """
 
 import argparse
@@ -11,15 +11,14 @@ from benchmarks.common.flags import add_rows, make_parser
 from benchmarks.paper.ablation.ablation_page import write_ablation
 from benchmarks.paper.ablation.variants import Variant, variants
 from benchmarks.paper.evaluation import EVALUATION_SEED, evaluate
+from benchmarks.paper.policies import SEEDS
 from benchmarks.paper.rows import Question
-from benchmarks.paper.settings import Descent
+from benchmarks.paper.settings import Descent, Shield
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import chosen, read_tuned, tuned_default
 from edge_runtime.errors import ConfigError
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper_ablation.json"
-HELD_OUT = (1, 2)
-"""Seeds of the policies; tuning uses seed 0."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -49,10 +48,10 @@ def tuned_variants(task: str) -> list[Variant]:
     Raises:
         ConfigError: if a method was not tuned.
     """
-    descent = chosen(read_tuned(), task, "MAPPO+PGD")
-    if not isinstance(descent, Descent):
-        raise ConfigError(f"MAPPO+PGD was tuned on {task} with other settings than its own")
-    return list(variants(TASKS[task], tuned_default(task), descent))
+    descent, shield = (chosen(read_tuned(), task, method) for method in ("MAPPO+PGD", "MAPPO+SHLD"))
+    if not (isinstance(descent, Descent) and isinstance(shield, Shield)):
+        raise ConfigError(f"a baseline was tuned on {task} with other settings than its own")
+    return list(variants(TASKS[task], tuned_default(task), descent, shield))
 
 
 def question(task: str, variant: Variant, seed: int, episodes: int) -> Question:
@@ -70,6 +69,6 @@ def question(task: str, variant: Variant, seed: int, episodes: int) -> Question:
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = make_parser("ablation", __doc__)
-    parser.add_argument("--seeds", type=int, nargs="*", default=HELD_OUT, help="of the policies (1 2)")
+    parser.add_argument("--seeds", type=int, nargs="*", default=range(SEEDS), help="of the policies (all)")
     add_rows(parser, tuple(TASKS), 200, RESULTS)
     return parser.parse_args(arguments)

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from benchmarks.paper.settings import Descent, Guided, Settings
+from benchmarks.paper.settings import Descent, Guided, Settings, Shield
 from benchmarks.paper.tasks import Task
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin
@@ -15,8 +15,8 @@ VANISHING = 1e-9
 """An eta that leaves objectives active and the flow as it is."""
 UNLIMITED = 1e3
 """A reach that no action can use up."""
-EASES_CM = (5, 10, 15)
-STEPS = GuidanceSettings().requirement_steps
+EASES_CM = (0, 5, 10, 15)
+USUAL_REACH = GuidanceSettings().reach
 LOSSES = (0.2, 0.5, 0.8)
 
 
@@ -31,28 +31,38 @@ class Variant(msgspec.Struct, frozen=True):
     """Of `rows.Setting`, where they are not the usual ones."""
 
 
-def variants(task: Task, tuned: Guided, descent: Descent) -> Iterator[Variant]:
+def variants(task: Task, tuned: Guided, descent: Descent, shield: Shield) -> Iterator[Variant]:
     """Every variant that means something on a task, the reference first.
 
     Args:
         task: the task.
         tuned: the default as tuned for it.
         descent: the baseline as tuned for it.
+        shield: the other one as tuned for it.
     """
     yield Variant(
         "reference", "The tuned default, which every other row changes in one point.", "CFPG", tuned
     )
     yield from _guidance(tuned)
-    several = replace(tuned.guidance, requirement_steps=STEPS)
-    reason = "Requirements corrected in so many steps at most, as is usual; the reference takes one."
-    yield _changed(f"{STEPS} steps", reason, tuned, guidance=several)
+    once = replace(tuned.guidance, requirement_steps=1)
+    reason = (
+        f"Requirements corrected once; the reference takes up to {tuned.guidance.requirement_steps} steps."
+    )
+    yield _changed("1 step", reason, tuned, guidance=once)
     if task.deconfliction:
-        yield from _deconfliction(tuned, descent)
+        reason = "Objectives as the paper has them, none that keeps robots out of each other's way."
+        yield _changed("deconfliction off", reason, tuned, deconfliction=False)
     if any(isinstance(objective, SafetyMargin) for objective in task.objectives):
         yield from _ease(tuned)
+    if task.belief:
+        reason = "Robots do not know where most samples are left."
+        yield _changed("belief off", reason, tuned, belief=False)
+    if tuned.guidance.goal_reach is not None:
+        yield from _waiting(tuned)
     yield from _priorities(task, tuned)
     yield from _look_aheads(task, tuned)
     yield from _network(task, tuned)
+    yield from _baselines(task, tuned, descent, shield)
 
 
 def _guidance(tuned: Guided) -> Iterator[Variant]:
@@ -73,31 +83,54 @@ def _guidance(tuned: Guided) -> Iterator[Variant]:
     yield _changed("joint hierarchical", reason, tuned, guidance=literal, joint=True)
 
 
-def _deconfliction(tuned: Guided, descent: Descent) -> Iterator[Variant]:
-    """Objectives that nobody is judged by: without them, and what they alone bring a baseline."""
-    reason = "Objectives as the paper has them, none that keeps robots out of each other's way."
-    yield _changed("deconfliction off", reason, tuned, deconfliction=False)
-    method, helped = "MAPPO+PGD", replace(descent, deconfliction=True)
-    yield Variant(method, "The baseline as tuned, to compare the next row with.", method, descent)
-    reason = "What keeping out of each other's way brings without a guided flow."
-    yield Variant(f"{method}, deconfliction on", reason, method, helped)
+def _baselines(task: Task, tuned: Guided, descent: Descent, shield: Shield) -> Iterator[Variant]:
+    """What the default's choices bring without a guided flow: baselines as tuned, and given each of them."""
+    asked: dict[str, Descent | Shield] = {"MAPPO+PGD": descent, "MAPPO+SHLD": shield}
+    for method, baseline in asked.items():
+        yield Variant(method, "The baseline as tuned, to compare the next rows with.", method, baseline)
+        if task.belief:
+            reason = "The baseline that does not know where most samples are left."
+            yield Variant(f"{method}, belief off", reason, method, replace(baseline, belief=False))
+        if tuned.guidance.ease_m:
+            reason = "What seeing teammates farther away brings without a guided flow."
+            eased = replace(baseline, ease_m=tuned.guidance.ease_m)
+            yield Variant(f"{method}, ease", reason, method, eased)
+    if task.deconfliction:
+        reason = "What keeping out of each other's way brings without a guided flow."
+        parted = replace(descent, deconfliction=True)
+        yield Variant("MAPPO+PGD, deconfliction on", reason, "MAPPO+PGD", parted)
+    if tuned.guidance.goal_reach is not None:
+        reason = "What formations that wait for the goal bring without a guided flow."
+        waiting = replace(descent, goal_radius=tuned.guidance.goal_reach)
+        yield Variant("MAPPO+PGD, formation at the goal", reason, "MAPPO+PGD", waiting)
+        reason = "Both."
+        both = replace(waiting, deconfliction=True)
+        yield Variant("MAPPO+PGD, deconfliction, formation at the goal", reason, "MAPPO+PGD", both)
 
 
 def _ease(tuned: Guided) -> Iterator[Variant]:
     """Teammates seen farther away than they are, the distance left to the margin."""
-    for centimetres in EASES_CM:
-        eased = replace(tuned.guidance, ease_m=centimetres / 100.0)
-        reason = "The policy sees teammates so much farther away: the distance is the margin's alone."
-        yield _changed(f"ease {centimetres} cm", reason, tuned, guidance=eased)
-    both = replace(tuned.guidance, ease_m=0.1, requirement_steps=STEPS)
-    yield _changed(f"ease 10 cm, {STEPS} steps", "Both, as the built-in teams have it.", tuned, guidance=both)
+    for ease_m in (centimetres / 100.0 for centimetres in EASES_CM):
+        if ease_m != tuned.guidance.ease_m:
+            reason = "The policy sees teammates so much farther away: the distance is the margin's alone."
+            eased = replace(tuned.guidance, ease_m=ease_m)
+            yield _changed(f"ease {100 * ease_m:g} cm", reason, tuned, guidance=eased)
+
+
+def _waiting(tuned: Guided) -> Iterator[Variant]:
+    """Formations that do not wait for the goal."""
+    near = replace(tuned.guidance, goal_reach=None)
+    yield _changed("formation as asked underway", "No more at the goal.", tuned, guidance=near)
+    usual = replace(near, reach=USUAL_REACH)
+    reason = "No more at the goal, and more underway."
+    yield _changed(f"reach {USUAL_REACH:g} everywhere", reason, tuned, guidance=usual)
 
 
 def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:
     """Whether some objectives may wait for others at tau = 1."""
     wishes = {objective.preference for objective in (*task.objectives, *task.deconfliction)}
     if True in wishes:
-        unlimited = replace(tuned.guidance, reach=UNLIMITED)
+        unlimited = replace(tuned.guidance, reach=UNLIMITED, goal_reach=None)
         yield _changed("reach unlimited", "Wishes may move an action however far.", tuned, guidance=unlimited)
         reason = "Wishes count as requirements: no priorities."
         yield _changed("all required", reason, tuned, corrected_as="requirements")

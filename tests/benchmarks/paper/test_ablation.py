@@ -20,12 +20,14 @@ from edge_runtime.policy.bundle import packaged_bundle
 from export.episodes.neighbourhood import Neighbourhood, Setting
 from export.evaluation.projection import hierarchical_batch
 
-USUAL = candidates("CFPG")[0]
-DESCENT = candidates("MAPPO+PGD")[0]
+USUAL = {task: candidates("CFPG", task)[-2] for task in TASKS}
+DESCENT = {task: candidates("MAPPO+PGD", task)[0] for task in TASKS}
+SHIELD = {task: candidates("MAPPO+SHLD", task)[0] for task in TASKS}
 
 
-def by_name(task, tuned=USUAL):
-    return {variant.name: variant for variant in variants(TASKS[task], tuned, DESCENT)}
+def by_name(task, tuned=None):
+    asked = variants(TASKS[task], tuned or USUAL[task], DESCENT[task], SHIELD[task])
+    return {variant.name: variant for variant in asked}
 
 
 CASES = [(task, variant) for task in TASKS for variant in by_name(task).values()]
@@ -41,7 +43,7 @@ def test_every_variant_runs(task, variant):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_variant_has_a_reason_and_a_row_of_its_own(task):
-    asked = list(variants(TASKS[task], USUAL, DESCENT))
+    asked = list(variants(TASKS[task], USUAL[task], DESCENT[task], SHIELD[task]))
     assert asked[0].name == "reference"
     assert all(variant.reason.endswith(".") for variant in asked)
     assert len({ablation.question(task, variant, 1, 2) for variant in asked}) == len(asked)
@@ -56,9 +58,13 @@ def test_only_variants_that_mean_something_are_asked():
     assert "neighbours 2" in navigation
     assert "neighbours 2" not in sampling  # that is everybody
     assert "look-ahead own" not in balance
-    near = by_name("balance", structs.replace(USUAL, look_ahead=1))
+    near = by_name("balance", structs.replace(USUAL["balance"], look_ahead=1))
     assert "look-ahead own" in near
     assert "look-ahead 1" not in near
+    assert {"ease 0 cm", "ease 15 cm", "MAPPO+SHLD, ease"} < navigation.keys()
+    assert "ease 10 cm" not in navigation  # that is the reference
+    assert "belief off" in sampling
+    assert "formation as asked underway" in balance
 
 
 def objectives(task, settings):
@@ -67,11 +73,11 @@ def objectives(task, settings):
 
 def test_a_baseline_gets_the_deconfliction_and_keeps_its_settings():
     helped = by_name("balance")["MAPPO+PGD, deconfliction on"].settings
-    assert structs.replace(helped, deconfliction=False) == DESCENT
+    assert structs.replace(helped, deconfliction=False) == DESCENT["balance"]
 
 
 def test_a_reference_that_tuning_made_look_otherwise_keeps_its_look_ahead():
-    asked = by_name("balance", structs.replace(USUAL, look_ahead=1))
+    asked = by_name("balance", structs.replace(USUAL["balance"], look_ahead=1))
     own = (*TASKS["balance"].objectives, *TASKS["balance"].deconfliction)
     near = tuple(structs.replace(objective, look_ahead=1) for objective in own)
     far = tuple(structs.replace(objective, look_ahead=2 * objective.look_ahead) for objective in own)

@@ -3,6 +3,7 @@
 import math
 import shutil
 from dataclasses import dataclass
+from itertools import product
 
 import msgspec
 import numpy as np
@@ -228,17 +229,17 @@ def test_guided_episodes_keep_the_limits_that_unguided_ones_break():
 
 
 def test_every_method_may_be_tuned_over_as_many_settings():
-    for method in METHODS:
-        assert len(set(candidates(method))) == 8
+    for task, method in product(TASKS, METHODS):
+        assert len(set(candidates(method, task))) == 8
 
 
 def test_settings_are_read_by_people_and_kept_as_they_are():
     assert str(SETTINGS) == "terminal, eta 0.3, noise 0.5, reach 0.5"
-    (literal, *_) = candidates("CFPG (eqs. 14, 15)")
+    (literal, *_) = candidates("CFPG (eqs. 14, 15)", "navigation")
     assert str(literal) == "hierarchical, eta 0.3, noise 1"  # reach means nothing there
     assert [SETTINGS.algorithm(task) for task in TASKS] == ["mafpo-chain", "mafpo-warm", "mafpo-chain"]
-    for method in METHODS:
-        for settings in candidates(method):
+    for task, method in product(TASKS, METHODS):
+        for settings in candidates(method, task):
             row = make_row(some_key(settings=settings), run_outcome(0.0), "commit")
             assert msgspec.json.decode(msgspec.json.encode(row), type=Row) == row
 
@@ -248,7 +249,7 @@ def test_every_scale_of_the_sweep_keeps_the_other_settings_and_only_flows_have_o
     assert [each.guidance.scale for each in swept] == list(SCALES)
     assert {structs.replace(each, guidance=SETTINGS.guidance) for each in swept} == {SETTINGS}
     with pytest.raises(ValueError, match="has no guidance scale"):
-        scaled(candidates("PC-MAPPO")[0])
+        scaled(candidates("PC-MAPPO", "balance")[0])
 
 
 def some_question(**changes):
@@ -364,7 +365,7 @@ def test_every_method_was_tuned_over_its_candidates():
     for task in TASKS:
         for method in METHODS:
             own = [row.settings for row in tried if (row.task, row.method) == (task, method)]
-            assert sorted(own, key=str) == sorted(candidates(method), key=str)
+            assert sorted(own, key=str) == sorted(candidates(method, task), key=str)
 
 
 def test_pairs_are_equivalent_when_their_difference_is_small_and_certain():

@@ -6,10 +6,12 @@ from guidance_cases import WISHES, guide_for, random_team
 from msgspec.structs import replace
 from networks import random_weights
 
+from edge_runtime.config.fleet import FLEETS
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.reach import reach_now
 from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.messages import TrackedObject
+from edge_runtime.run.edge_run import main as edge_run
 
 WAITING = GuidanceSettings(reach=0.3, goal_reach=2.0, goal_within_m=0.1)
 
@@ -28,6 +30,8 @@ def load(x, goal=(0.0, 0.0), name="load"):
         ([load(0.1001)], 0.3),
         ([load(0.05), load(5.0, None, "person")], 2.0),
         ([load(0.05), load(0.2, name="other")], 0.3),
+        ([load(0.05, (0.0, 0.0, 1.0))], 2.0),
+        ([replace(load(0.05), position_m=(0.0, 0.05, 1.8))], 2.0),
     ],
 )
 def test_preferences_wait_until_all_that_has_a_goal_is_there(tracked, reach):
@@ -51,3 +55,10 @@ def test_at_the_goal_preferences_move_actions_as_a_greater_reach_does(make_backe
             assert found.action == expected.action
             further += np.linalg.norm(found.correction) > 0.3 + 1e-6
     assert further > 0
+
+
+def test_a_team_that_carries_nothing_to_a_goal_is_refused_in_one_line(tmp_path, capsys):
+    path = tmp_path / "team.toml"
+    path.write_text((FLEETS / "navigation.toml").read_text() + "goal_reach = 2.0\n")
+    assert edge_run(["--robot-id", "0", "--fleet", str(path), "--no-log"]) == 2
+    assert f"{path}: tracked: none has a `goal_m`, which `goal_reach` waits for" in capsys.readouterr().err

@@ -231,7 +231,7 @@ def test_half_of_the_training_starts_fly_and_no_others():
 
 
 def test_robots_in_flight_are_apart_and_below_the_line():
-    state = draw_starts(2000, 1.0, Draw(torch.Generator().manual_seed(3)))
+    state = draw_starts(2000, 1.0, 0.0, Draw(torch.Generator().manual_seed(3)))
     offset = state["position"] - state["line"][:, None]
     angle = state["line_angle"]
     along = offset[..., 0] * angle.cos() + offset[..., 1] * angle.sin()
