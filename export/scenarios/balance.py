@@ -1,8 +1,8 @@
 """VMAS Balance: five discs under a loose line lift the package on it to a goal, against gravity.
 
 Simulation and reward are those of VMAS 1.5.2, and in training `GOAL_REWARD` more. Episodes start by this
-module's own vectorised reset; the line's inclination is observed as sin(2 angle), since VMAS' own angle modulo
-pi jumps where the line is level.
+module's own vectorised reset; the line's inclination is observed as sin(2 angle), since VMAS' own angle
+modulo pi jumps where the line is level.
 """
 
 import torch

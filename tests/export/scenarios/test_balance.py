@@ -13,6 +13,8 @@ from edge_runtime.observation.observer import Observer
 from export.scenarios import make_scenario
 from export.scenarios.balance import (
     FACTS,
+    FAR_SHARE,
+    GOAL_REWARD,
     GRAVITY_M_S2,
     HELD_SPACING_M,
     HOLD_STIFFNESS_PER_M,
@@ -90,8 +92,19 @@ def test_steps_and_rewards_are_those_of_vmas(training):
         told = action + pull_of(scenario.state_dict()) if training else action
         transition = scenario.step(action)
         _, reward, done, _ = env.step(list(told.unbind(1)))
-        assert torch.equal(transition.reward, torch.stack(reward, 1))
+        on_goal = GOAL_REWARD * transition.succeeded[:, None] * training
+        assert torch.equal(transition.reward, torch.stack(reward, 1) + on_goal)
         assert torch.equal(transition.succeeded | transition.failed, done)
+
+
+def test_a_package_on_its_goal_is_rewarded_in_training_alone():
+    rewards = []
+    for training in (True, False):
+        scenario = balance()
+        scenario._goal_reward = balance(1, training=training)._goal_reward
+        moved_to_goal(scenario, ON_GOAL_M - 0.01)
+        rewards.append(scenario.step(torch.zeros(64, ROBOTS, 2)).reward)
+    torch.testing.assert_close(rewards[0] - rewards[1], torch.full((64, ROBOTS), GOAL_REWARD))
 
 
 def tracked(name, state, goal_m=None):
@@ -228,6 +241,17 @@ def test_half_of_the_training_starts_fly_and_no_others():
     flying = [state_of(balance(2000, training=t))["line_angle"][:, 0] != 0 for t in (True, False)]
     assert 0.46 < flying[0].float().mean() < 0.54
     assert not flying[1].any()
+
+
+def test_goals_are_far_more_often_in_training_and_never_elsewhere():
+    state = draw_starts(4000, 0.5, 1.0, Draw(torch.Generator().manual_seed(3)))
+    way = state["goal"][:, 0] - state["package"][:, 0]
+    assert (way.sign() == -state["package"][:, 0].sign()).all()
+    assert way.abs().min() >= 0.5
+    training, usual = (state_of(balance(4000, training=t)) for t in (True, False))
+    ways = [(each["goal"] - each["package"])[:, 0].abs().mean().item() for each in (state, usual, training)]
+    mixed = FAR_SHARE * ways[0] + (1.0 - FAR_SHARE) * ways[1]
+    assert ways[2] == pytest.approx(mixed, abs=0.05)
 
 
 def test_robots_in_flight_are_apart_and_below_the_line():
