@@ -1,7 +1,8 @@
 """``python -m benchmarks curves``: the algorithms' learning, from the runs that ``export.train_all`` left.
 
-Writes the validated points to ``benchmarks/results/paper/curves.csv`` and draws them beside it: the mean over
-five seeds, and the range between the worst and the best.
+Writes the validated points to ``benchmarks/results/paper/curves.csv``, where those of other tasks and
+algorithms stay, and draws all of them beside it: the mean over five seeds, and the range between the worst
+and the best.
 """
 
 import csv
@@ -59,6 +60,18 @@ def read_points(runs: Path) -> list[Point]:
     return points
 
 
+def _others(path: Path, learned: set[tuple[str, str]]) -> list[Point]:
+    """The points in the file that are of none of these tasks and algorithms."""
+    if not path.exists():
+        return []
+    with path.open() as lines:
+        rows = [row for row in csv.DictReader(lines) if (row["task"], row["algorithm"]) not in learned]
+    return [
+        Point(row["task"], row["algorithm"], int(row["seed"]), int(row["frames"]), float(row["score"]))
+        for row in rows
+    ]
+
+
 def draw(points: Sequence[Point], path: Path) -> None:
     """A panel a task, a line and a band an algorithm."""
     figure, axes = plt.subplots(1, len(TASKS), figsize=(13, 3.8), layout="constrained")
@@ -88,7 +101,9 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR")
     points = read_points(parser.parse_args(arguments).runs)
     OUT.mkdir(parents=True, exist_ok=True)
-    with (OUT / "curves.csv").open("w", newline="") as file:
+    path = OUT / "curves.csv"
+    points = sorted([*points, *_others(path, {(each.task, each.algorithm) for each in points})])
+    with path.open("w", newline="") as file:
         csv.writer(file).writerows([Point._fields, *points])
     draw(points, OUT / "curves.png")
     return 0
