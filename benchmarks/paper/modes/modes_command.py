@@ -24,7 +24,7 @@ RESULTS = Path(__file__).parents[2] / "results" / "paper_modes.json"
 SCENES = 8
 """Headings, evenly spread."""
 SEEDS = (1, 2)
-"""Of the policies; guidance was tuned on seed 0."""
+"""Of the policies."""
 RARE = 0.1
 """A scene has two ways if each side gets this share of its passes at least."""
 

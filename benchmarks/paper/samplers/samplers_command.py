@@ -28,7 +28,7 @@ STRONG: dict[str, Any] = {"scale": 10.0}
 WAYS: dict[str, tuple[Way, ...]] = {
     "navigation": ((None, {}), (3, {}), (3, CORRECTION), (3, STRONG)),
     "balance": ((None, {}), (3, {}), (3, CORRECTION)),
-    "sampling": ((None, {}), (3, {}), (3, CORRECTION), (4, {}), (4, CORRECTION), (4, STRONG)),
+    "sampling": ((None, {}), (4, {}), (4, CORRECTION)),
 }
 """Up to the fewest steps that are equivalent; the first is what all are compared with."""
 
