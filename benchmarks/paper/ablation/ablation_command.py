@@ -70,5 +70,5 @@ def question(task: str, variant: Variant, seed: int, episodes: int) -> Question:
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser = make_parser("ablation", __doc__)
     parser.add_argument("--seeds", type=int, nargs="*", default=range(SEEDS), help="of the policies (all)")
-    add_rows(parser, tuple(TASKS), 100, RESULTS)
+    add_rows(parser, tuple(TASKS), 50, RESULTS)
     return parser.parse_args(arguments)

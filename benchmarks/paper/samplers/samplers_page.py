@@ -1,4 +1,4 @@
-"""Samplers and modes in Markdown: a table a task."""
+"""Samplers in Markdown: a table a task."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -6,16 +6,14 @@ from pathlib import Path
 
 from benchmarks.common.result_page import page, table
 from benchmarks.paper.rows import Row
-from benchmarks.paper.settings import Guided
 from benchmarks.paper.statistics import paired, paired_equivalence, summarise
-from edge_runtime.guidance.settings import GuidanceSettings
 
 MARGIN = 1.0
 """Percentage points within which two successes count as equal."""
 NOTE = f"""\
-Guidance is tuned but for mode and eta, policies and episodes are those of `paper.md`'s tables. *Difference*:
-success less that of Euler's ten steps of the same policy, mean over the policies ± its standard error;
-*equivalent*: the p-value of two one-sided paired t-tests that it is {MARGIN:g} point or more."""
+Guidance as tuned; policies and episodes are those of `paper.md`'s tables. *Difference*: success less that
+of Euler's ten steps of the same policy, mean over the policies ± its standard error; *equivalent*: the
+p-value of two one-sided paired t-tests that it is {MARGIN:g} point or more."""
 
 
 def write_samplers(tables: Mapping[str, Sequence[Row]], path: Path) -> str:
@@ -34,15 +32,11 @@ def samplers_table(rows: Sequence[Row]) -> str:
     ways = [(way, [row.multi_objective_success for row in group]) for way, group in groupby(rows, _way)]
     reference = ways[0][1]
     lines = [[*way, *_figures(successes, reference)] for way, successes in ways]
-    return table(
-        ["sampler", "T", "mode", "eta", "multi-objective success, %", "difference", "equivalent"], lines
-    )
+    return table(["sampler", "T", "multi-objective success, %", "difference", "equivalent"], lines)
 
 
 def _way(row: Row) -> tuple[str, ...]:
-    guidance = row.settings.guidance if isinstance(row.settings, Guided) else GuidanceSettings()
-    sampler = ("exponential", str(row.exponential_steps)) if row.exponential_steps else ("euler", "10")
-    return (*sampler, guidance.mode, f"{guidance.scale:g}")
+    return ("exponential", str(row.exponential_steps)) if row.exponential_steps else ("euler", "10")
 
 
 def _figures(successes: Sequence[float], reference: Sequence[float]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Samplers and modes on the tables' episodes: what is asked, what the page says, and that it is the rows'."""
+"""Samplers on the tables' episodes: what is asked, what the page says, and that it is the rows'."""
 
 import pytest
 from msgspec.structs import replace
@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from benchmarks.paper import evaluation, paper_command
 from benchmarks.paper.samplers import samplers_command as samplers
 from benchmarks.paper.samplers.samplers_page import samplers_table
+from benchmarks.paper.tuning import tuned_default
 
 
 @pytest.fixture
@@ -29,17 +30,10 @@ def test_the_command_asks_nothing_twice(in_process, tmp_path):
     for _ in range(2):
         files = ["--json", str(tmp_path / "rows.json"), "--reference", str(tmp_path / "paper.json")]
         assert samplers.main([*flags, *files]) == 0
-    guidance = [each.settings.guidance for each in in_process]
-    ways = [
-        (each.exponential_steps, each.seed, how.mode, how.scale)
-        for each, how in zip(in_process, guidance, strict=True)
-    ]
-    few = [("terminal", 0.3), ("correction", 0.3), ("terminal", 10.0)]
-    assert ways == [
-        *((None, seed, "terminal", 0.3) for seed in (0, 1)),
-        *((3, seed, *way) for way in few for seed in (0, 1)),
-    ]
-    assert "| exponential | 3 | correction | 0.3 |" in (tmp_path / "paper" / "samplers.md").read_text()
+    ways = [(each.exponential_steps, each.seed) for each in in_process]
+    assert ways == [(steps, seed) for steps in (None, 3) for seed in (0, 1)]
+    assert {each.settings for each in in_process} == {tuned_default("navigation")}
+    assert "| exponential | 3 |" in (tmp_path / "paper" / "samplers.md").read_text()
 
 
 def test_differences_are_of_the_same_policies():
@@ -51,8 +45,8 @@ def test_differences_are_of_the_same_policies():
         for row, value in zip(both, (90.5, 99.9), strict=True)
     ]
     lines = samplers_table([*both, *few]).splitlines()
-    assert lines[2] == "| euler | 10 | terminal | 0.3 | 95.0 ± 7.1 |  |  |"
-    assert lines[3].startswith("| exponential | 3 | terminal | 0.3 | 95.2 ± 6.6 | +0.20 ± 0.30 | p = ")
+    assert lines[2] == "| euler | 10 | 95.0 ± 7.1 |  |  |"
+    assert lines[3].startswith("| exponential | 3 | 95.2 ± 6.6 | +0.20 ± 0.30 | p = ")
 
 
 def test_the_recorded_page_is_that_of_the_recorded_rows(monkeypatch, tmp_path):
