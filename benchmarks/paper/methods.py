@@ -66,12 +66,17 @@ def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
         for o in _asked(task, settings)
     )
     guide = make_guide(ObjectiveSet(objectives, settings.guidance), bundle.manifest.motion)
+    if settings.corrected_as == "their own":
+        return guide
     corrected = tuple(sorted(guide.preferences + guide.requirements))
-    if settings.corrected_as == "preferences":
-        return replace(guide, preferences=corrected, requirements=())
-    if settings.corrected_as == "requirements":
-        return replace(guide, preferences=(), requirements=corrected)
-    return guide
+    preferred = settings.corrected_as == "preferences"
+    terms = tuple(term._replace(preference=preferred) for term in guide.steering.terms)
+    return replace(
+        guide,
+        preferences=corrected if preferred else (),
+        requirements=() if preferred else corrected,
+        steering=guide.steering._replace(terms=terms),
+    )
 
 
 class _Flat:

@@ -40,7 +40,7 @@ def test_the_objectives_file_loads(tmp_path):
 
 GUIDANCE = {
     "unguided": ("unguided flow", 0.0),
-    "hierarchical, eta 0.3": ("CFPG (eqs. 14, 15)", 0.3),
+    "hierarchical, eta 100": ("CFPG (eqs. 14, 15)", 100.0),
     "none, eta 30": ("CFPG (No HGP)", 30.0),
     "terminal, eta 0.3": ("CFPG", 0.3),
 }

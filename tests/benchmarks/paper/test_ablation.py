@@ -118,6 +118,9 @@ def test_priorities_can_be_levelled_either_way():
     assert places == {
         "reference": ((0, 1), (2,)), "all required": ((), (0, 1, 2)), "all preferred": ((0, 1, 2), ()),
     }  # fmt: skip
+    for guide in found.values():  # so the kernel takes them, too
+        told = tuple(m for m, term in enumerate(guide.steering.terms) if term.preference)
+        assert told == guide.preferences
 
 
 def test_unknown_intentions_are_zero():
