@@ -6,14 +6,16 @@ from typing import Final
 import msgspec
 
 from benchmarks.paper.candidates import ALONE, METHODS
-from benchmarks.paper.settings import Settings
+from benchmarks.paper.settings import Guided, Settings
 from benchmarks.paper.tasks import TASKS, Task
 from benchmarks.paper.tuning import chosen, read_tuned
+from edge_runtime.guidance.settings import GuidanceSettings
 from edge_runtime.objectives import SafetyMargin, SpeedLimit
 
 FRICTIONS: Final = (0.7, 0.3, 1.0)
 """Of dry ground, of wet, of the best."""
 TASK: Final = "navigation"
+GUIDED: Final = Guided(guidance=GuidanceSettings(requirement_steps=1), deconfliction=True)
 
 
 class Asked(msgspec.Struct, frozen=True):
@@ -66,5 +68,7 @@ def task_of(base: str) -> Task:
 
 
 def settings_of(method: str) -> Settings:
-    """As the paper's tables have them."""
+    """As in the paper's tables; the default sees teammates where they are, and corrects in one step."""
+    if method == "CFPG":
+        return GUIDED
     return ALONE[method] if method in ALONE else chosen(read_tuned(), TASK, method)

@@ -89,6 +89,7 @@ def fleet_table(base: str, seed: int) -> Table:
     assert isinstance(settings, Guided)  # noqa: S101 - for the type checker
     unit = asked.scale_m
     ways = zip((unit * places.starts[0]).tolist(), (unit * places.goals[0]).tolist(), strict=True)
+    guidance = msgspec.to_builtins(settings.guidance)  # TOML has no word for nothing
     return {
         "team": {"policy": TASK, "scale_m": unit},
         "simulation": {"plant": "mujoco", "base": base, "friction": FRICTIONS[0]},
@@ -101,7 +102,7 @@ def fleet_table(base: str, seed: int) -> Table:
             {"type": "speed_limit", "limit_m_s": asked.limit_m_s, "buffer_m_s": asked.speed_reserve_m_s},
             {"type": "safety_margin", "distance_m": asked.margin_m, "buffer_m": asked.margin_reserve_m},
         ],
-        "guidance": msgspec.to_builtins(settings.guidance),
+        "guidance": {name: value for name, value in guidance.items() if value is not None},
     }
 
 

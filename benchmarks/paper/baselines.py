@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.paper.settings import Descent, Shield
 from edge_runtime.common.arrays import Floats
 from edge_runtime.guidance.guide import Guide
+from edge_runtime.guidance.settings import GuidanceSettings
 from export.evaluation.guidance import action_slopes, reach_batch
 from export.evaluation.outlook import OutlookBatch
 
@@ -23,7 +24,8 @@ from export.evaluation.outlook import OutlookBatch
 def descend(settings: Descent, action: Floats, guide: Guide, outlooks: Sequence[OutlookBatch]) -> Floats:
     """Projected gradient descent from actions (B, 2)."""
     moved, factors = action.copy(), np.array(guide.factors)
-    radius = reach_batch(guide.asked.guidance, outlooks[0].team)[:, None]
+    ball = GuidanceSettings(reach=settings.radius, goal_reach=settings.goal_radius)
+    radius = reach_batch(ball, outlooks[0].team)[:, None]
     for _ in range(settings.steps):
         _, slopes = action_slopes(guide, outlooks, moved)
         away = moved - settings.rate * np.einsum("m,mbd->bd", factors, slopes) - action

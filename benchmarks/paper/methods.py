@@ -43,18 +43,10 @@ def _decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     if isinstance(settings, Mean):
         return _mean(bundle)
     if isinstance(settings, Descent):
-        asked = GuidanceSettings(
-            mode="none", scale=1.0, reach=settings.radius, goal_reach=settings.goal_radius
-        )
-        descended = _post_processed(
-            partial(descend, settings), ObjectiveSet(_asked(task, settings), asked), bundle
-        )
+        descended = _post_processed(partial(descend, settings), _asked(task, settings), bundle)
         return carrying(eased(descended, bundle.manifest, settings.ease_m), bundle.manifest)
     if isinstance(settings, Shield):
-        asked = GuidanceSettings(mode="none", scale=1.0)
-        shielded = _post_processed(
-            partial(shield, settings), ObjectiveSet(_asked(task, settings), asked), bundle
-        )
+        shielded = _post_processed(partial(shield, settings), _asked(task, settings), bundle)
         return eased(shielded, bundle.manifest, settings.ease_m)
     return _preferring(settings.preference, bundle)
 
@@ -134,8 +126,9 @@ def _mean(bundle: Bundle) -> MakeDecide:
     return sampled(bundle.policy, make_guide(alone, bundle.manifest.motion))
 
 
-def _post_processed(adapt: Adapt, asked: ObjectiveSet, bundle: Bundle) -> MakeDecide:
+def _post_processed(adapt: Adapt, objectives: tuple[Objective, ...], bundle: Bundle) -> MakeDecide:
     """A Gaussian policy whose mean action is adapted afterwards."""
+    asked = ObjectiveSet(objectives, GuidanceSettings(mode="none", scale=1.0))
     guide, predict = make_guide(asked, bundle.manifest.motion), _mean(bundle)
 
     def prepare(batch: int) -> Decide:

@@ -32,7 +32,7 @@ from export.scenarios.scenario import Scenario, Transition
 SETTINGS = Guided(
     guidance=GuidanceSettings(scale=0.3, reach=0.5, start_noise=1.0, ease_m=0.1), deconfliction=True
 )
-"""The tables', with ``ease_m`` and as many steps for requirements as the built-in teams have."""
+"""With the tables' ``ease_m`` and steps for requirements; look-ahead and noise are the built-in teams'."""
 EPISODES_SEED = 3
 """Of starts, goals and noise that nothing was chosen by."""
 

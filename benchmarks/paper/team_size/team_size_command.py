@@ -22,7 +22,7 @@ from benchmarks.paper.team_size.teams import Asked, TeamQuestion, TeamRow, chapt
 
 RESULTS = Path(__file__).parents[2] / "results" / "team_size.json"
 NOTE = """\
-Navigation guided as in the tables, with `ease_m` and five steps for requirements, by policies that were
+Navigation guided with `ease_m` and five steps for requirements as in the tables, by policies that were
 trained with four robots; means over their seeds.
 *Success*: all at their goals at once within the time limit, which grows as the arena does, no collision
 before, speed limit and margin kept. *At goal*: of the robots, when an episode ends. *Tick*: one robot's,
