@@ -13,7 +13,11 @@ from edge_runtime.observation import Sensor
 from edge_runtime.policy.bundle import load_bundle
 from edge_runtime.policy.manifest import BUNDLE_FORMAT
 
-EARLIER = sorted((ROOT / "benchmarks" / "policies").glob("*/*/seed-0"))
+EARLIER = [
+    directory
+    for directory in sorted((ROOT / "benchmarks" / "policies").glob("*/*/seed-0"))
+    if b"cfpg-bundle/1" in (directory / "manifest.json").read_bytes()
+]
 
 
 def first_table(directory):

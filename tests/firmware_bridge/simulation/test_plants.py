@@ -109,7 +109,11 @@ REFUSED = {
             "tracked[0].goal_m: nothing moves 'package' in plant 'discs'; allowed: --plant",
         ),
         ((('name = "line"', 'name = "rope"'),), (), "'line'"),
-        ((("goal_m = [0.3, 0.6]", ""),), (), "tracked[0].goal_m: missing: the policy observes it"),
+        (
+            (("goal_m = [0.3, 0.6]", ""), ("goal_reach = 2.0", "")),
+            (),
+            "tracked[0].goal_m: missing: the policy observes it",
+        ),
         ((), ("--rate", "20"), "--rate 20: VMAS steps at 10 Hz"),
     ],
     "sampling": [
