@@ -223,6 +223,7 @@ class LoggedObjectiveSet(msgspec.Struct, frozen=True):
     goal_reach: float | None = None
     """The reach where what is tracked was at its goals; None for the same."""
     goal_within_m: float = 0.1
+    """How near that was."""
     requirement_steps: Integer = 1
     """In which requirements moved a finished action at most."""
     bundle: BundleIdentity | None = None
