@@ -77,6 +77,10 @@ class Algorithm(Protocol):
         """What each sample adds to the surrogate objective to maximise, (R,)."""
         ...
 
+    def reflect_trace(self, trace: Tensor, signs: Tensor) -> Tensor:
+        """Traces (R, X) of actions -> those of the actions times ``signs`` (d,), each 1 or -1."""
+        ...
+
     def act(self, observation: Tensor, start: Tensor) -> Tensor:
         """Actions (R, d) as deployed, made from standard normal noise ``start`` (R, d)."""
         ...

@@ -86,6 +86,10 @@ class Mafpo:
                 self.actor, observation, action, noise, tau, terminal_weight=self.terminal_weight
             )
 
+    def reflect_trace(self, trace: Tensor, signs: Tensor) -> Tensor:
+        """Noise is reflected, flow times stay."""
+        return trace * torch.cat([signs, signs.new_ones(1)]).repeat(self.noise_samples)
+
     def ratio(self, new: Tensor, old: Tensor) -> Tensor:
         """Eq. 8, per robot."""
         limit = self.log_ratio_limit

@@ -73,6 +73,10 @@ class MafpoChain(ClippedSurrogate):
         residual = (chain.diff(dim=-2) - velocity / self.euler_steps) / log_step_noise.exp()
         return -(0.5 * residual.square() + log_step_noise).sum((-2, -1))
 
+    def reflect_trace(self, trace: Tensor, signs: Tensor) -> Tensor:
+        """All points of the chain are actions."""
+        return trace * signs.repeat(self.euler_steps + 1)
+
     def act(self, observation: Tensor, start: Tensor) -> Tensor:
         """T Euler steps from ``start``, with no noise on the way."""
         return self.actor.flow.sample(observation, start, self.euler_steps)

@@ -34,6 +34,10 @@ class Mappo(ClippedSurrogate):
         """Log-density of the actions."""
         return self.actor(observation).log_prob(action)
 
+    def reflect_trace(self, trace: Tensor, signs: Tensor) -> Tensor:  # noqa: ARG002
+        """There is nothing in it."""
+        return trace
+
     def act(self, observation: Tensor, start: Tensor) -> Tensor:  # noqa: ARG002
         """The mean, wherever the flow would start."""
         return self.actor.mean(observation)

@@ -26,7 +26,7 @@ from export.scenarios.balance_starts import (
     ROBOTS,
     draw_starts,
 )
-from export.scenarios.scenario import EpisodeMetrics, ScenarioFacts, Transition
+from export.scenarios.scenario import EpisodeMetrics, Mirror, ScenarioFacts, Transition
 from export.scenarios.vmas_teams import FORCES, OWN_MOTION, State, VmasTeams, simulate
 
 FORCE_MULTIPLIER = 0.7
@@ -80,8 +80,10 @@ FACTS = ScenarioFacts(
     evaluation_steps=300,
     discount=DISCOUNT,
     failure="fall",
+    mirror=Mirror(observation=(*(-1.0, 1.0) * 7, -1.0, -1.0), action=(-1.0, 1.0)),
 )
-"""Offsets are position minus package, position minus the line's centre, and package minus goal."""
+"""Offsets are position minus package, position minus the line's centre, and package minus goal. In the mirror
+x, angle and angular velocity change their signs."""
 
 
 class _SilentBalance(VmasBalance):

@@ -33,14 +33,14 @@ what a good policy earns in a step, untuned.
 def with_preference(facts: ScenarioFacts) -> ScenarioFacts:
     """Append the field ``preference``: the task's weight, then one for each of its M objectives.
 
-    Robots prefer them alike, as in validation.
+    Robots prefer them alike, as in validation. What they prefer may have a direction: nothing is mirrored.
 
     Raises:
         ConfigError: if the task has no execution objectives.
     """
     weights = 1 + len(_objectives(facts.name))
     field = Constant("preference", weights, "1", values=(1.0 / weights,) * weights)
-    return replace(facts, observation=(*facts.observation, field))
+    return replace(facts, observation=(*facts.observation, field), mirror=None)
 
 
 def _objectives(name: str) -> tuple[Objective, ...]:

@@ -13,6 +13,16 @@ from edge_runtime.policy.manifest import ActionField, Spaces
 
 
 @dataclass(frozen=True)
+class Mirror:
+    """A reflection that leaves a task as it is, with its robots in reverse order."""
+
+    observation: tuple[float, ...]
+    """(O,), each 1 or -1: what becomes of the numbers that a robot observes."""
+    action: tuple[float, ...]
+    """(d,), likewise."""
+
+
+@dataclass(frozen=True)
 class ScenarioFacts(Spaces):
     """What a policy trained here must be told about its robots; the bundle's manifest repeats it."""
 
@@ -32,6 +42,8 @@ class ScenarioFacts(Spaces):
     """What a failed episode is called: ``collision``."""
     failure_decides: bool = True
     """A failed episode counts no further; else it goes on, and can no longer succeed."""
+    mirror: Mirror | None = None
+    """The symmetry by which training learns from reflected experience as well."""
 
     @property
     def control_rate_hz(self) -> float:

@@ -17,6 +17,7 @@ from export.algorithms.networks import Critic, team_views
 from export.common.distributed import Workers
 from export.scenarios.scenario import EpisodeMetrics, Scenario
 from export.training.fitted import fitted, require_finite
+from export.training.reflection import Experience, with_reflection
 from export.training.rollout import Collector, Rollout
 
 CHUNK = 8192
@@ -79,6 +80,7 @@ class Trainer:
         self._reward_moments = RunningMoments(1).to(workers.device)
         self._discounted = torch.zeros(scenario.environments, facts.robots, device=workers.device)
         self._discount, self._rate = facts.discount, settings.learning_rate
+        self._mirror = facts.mirror
         self._averaged = AveragedModel(
             algorithm.actor, avg_fn=partial(_averaged, settings.averaging), use_buffers=True
         )
@@ -128,14 +130,21 @@ class Trainer:
             discount=self._discount,
             gae_lambda=settings.gae_lambda,
         )
-        team = team_views(self.algorithm.actor.moments(rollout.observation))
-        samples = [x.flatten(0, 2) for x in (rollout.observation, rollout.action, rollout.trace)]
+        samples = (rollout.observation, rollout.action, rollout.trace)
+        likelihood = self._log_likelihood(*(values.flatten(0, 2) for values in samples))
+        seen = Experience(*samples, likelihood.view_as(advantage), advantage, advantage + value)
+        if self._mirror:
+            seen = with_reflection(seen, self._mirror, self.algorithm.reflect_trace)
+        team = team_views(self.algorithm.actor.moments(seen.observation))
+        flat = Experience(*(values.flatten(0, 2) for values in seen))
         return Batch(
-            *samples,
-            old_log_likelihood=self._log_likelihood(*samples),
-            advantage=self._normalised(advantage.flatten()),
+            flat.observation,
+            flat.action,
+            flat.trace,
+            flat.log_likelihood,
+            advantage=self._normalised(flat.advantage),
             team_observation=team.flatten(0, 2),
-            value_target=(advantage + value).flatten(),
+            value_target=flat.value_target,
         )
 
     def update(self, batch: Batch) -> UpdateMetrics:
@@ -151,6 +160,8 @@ class Trainer:
             order = torch.randperm(
                 len(batch.advantage), generator=self._generator, device=self.workers.device
             )
+            if self._mirror:  # no more steps than without: each sample or its reflection, as chance has it
+                order = order[: len(order) // 2]
             metrics += [self._gradient_step(batch.rows(index)) for index in order.split(minibatch)]
         ratio_change, value_loss = self.workers.mean(torch.stack(metrics).mean(0)).tolist()
         self._require_sense(ratio_change, value_loss)
