@@ -7,7 +7,7 @@ and the best.
 
 import csv
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.common.flags import make_parser
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
+from export.training.validation import GUIDED_SHARE
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -33,7 +34,7 @@ SEEDS = 5
 
 
 class Point(NamedTuple):
-    """One validation: the same starts for all, half of them with the flow's noise, half without."""
+    """One validation of a policy alone: the same starts for all, half with the flow's noise, half without."""
 
     task: str
     algorithm: str
@@ -54,10 +55,21 @@ def read_points(runs: Path) -> list[Point]:
         if task in TASKS and algorithm in COLOURS and seed < SEEDS:
             with table.open() as lines:
                 rows = [row for row in csv.DictReader(lines) if row["score"]]
-            points += [Point(task, algorithm, seed, int(row["frames"]), float(row["score"])) for row in rows]
+            guided = any(row["guided_success"] for row in rows)
+            points += [
+                Point(
+                    task, algorithm, seed, int(row["frames"]), _alone(row) if guided else float(row["score"])
+                )
+                for row in rows
+            ]
     if not points:
         raise ConfigError(f"{runs}: holds no metrics.csv of a run: make them with python -m export.train_all")
     return points
+
+
+def _alone(row: Mapping[str, str]) -> float:
+    """The score of the policy alone, from one that counts guided episodes, too."""
+    return (float(row["score"]) - GUIDED_SHARE * float(row["guided_success"] or 0.0)) / (1.0 - GUIDED_SHARE)
 
 
 def _others(path: Path, learned: set[tuple[str, str]]) -> list[Point]:
@@ -89,7 +101,7 @@ def draw(points: Sequence[Point], path: Path) -> None:
                 )
                 panel.fill_between(frames / 1e6, low, high, color=colour, alpha=0.2, lw=0)
         panel.set(title=task, xlabel="million control steps of the team", ylim=(0, 1))
-    axes[0].set_ylabel("validation score")
+    axes[0].set_ylabel("validation score, alone")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS))
     figure.savefig(path, dpi=120)
     plt.close(figure)
