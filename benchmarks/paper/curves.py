@@ -55,21 +55,20 @@ def read_points(runs: Path) -> list[Point]:
         if task in TASKS and algorithm in COLOURS and seed < SEEDS:
             with table.open() as lines:
                 rows = [row for row in csv.DictReader(lines) if row["score"]]
-            guided = any(row["guided_success"] for row in rows)
-            points += [
-                Point(
-                    task, algorithm, seed, int(row["frames"]), _alone(row) if guided else float(row["score"])
-                )
-                for row in rows
-            ]
+            alone = _alone if any(row["guided_success"] for row in rows) else _score
+            points += [Point(task, algorithm, seed, int(row["frames"]), alone(row)) for row in rows]
     if not points:
         raise ConfigError(f"{runs}: holds no metrics.csv of a run: make them with python -m export.train_all")
     return points
 
 
+def _score(row: Mapping[str, str]) -> float:
+    return float(row["score"])
+
+
 def _alone(row: Mapping[str, str]) -> float:
     """The score of the policy alone, from one that counts guided episodes, too."""
-    return (float(row["score"]) - GUIDED_SHARE * float(row["guided_success"] or 0.0)) / (1.0 - GUIDED_SHARE)
+    return (_score(row) - GUIDED_SHARE * float(row["guided_success"] or 0.0)) / (1.0 - GUIDED_SHARE)
 
 
 def _others(path: Path, learned: set[tuple[str, str]]) -> list[Point]:
