@@ -32,6 +32,7 @@ COMMANDS = {
     "steering": "benchmarks.paper.steering.steering_command",
     "tasks": "benchmarks.paper.driven",
     "team_size": "benchmarks.paper.team_size.team_size_command",
+    "values": "benchmarks.paper.values_command",
 }
 
 

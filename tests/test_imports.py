@@ -38,7 +38,7 @@ firmware_bridge.sil
 export.beliefs export.bundle export.common export.evaluation
 export.algorithms export.onnx export.scenarios
 export.episodes
-export.training
+export.training export.values
 export.schedule
 export
 benchmarks.common

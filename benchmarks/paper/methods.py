@@ -7,6 +7,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from benchmarks.paper.baselines import descend, shield
+from benchmarks.paper.policies import digest, value_path
 from benchmarks.paper.settings import Descent, Guided, Mean, Settings, Shield
 from benchmarks.paper.tasks import Task
 from edge_runtime.common.arrays import Array, Floats
@@ -20,8 +21,10 @@ from export.episodes.belief import believing
 from export.episodes.carried import carrying
 from export.episodes.ease import eased
 from export.episodes.play import Decide, MakeDecide, Observations, sampled
+from export.evaluation.guidance import Worth
 from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BatchCombine, hierarchical_batch
+from export.values.action_value import load_value
 
 Adapt = Callable[[Floats, Guide, Sequence[OutlookBatch]], Floats]
 """Finished actions (B, 2), objectives and what they see -> actions (B, 2)."""
@@ -38,7 +41,8 @@ def _decider(task: Task, settings: Settings, bundle: Bundle) -> MakeDecide:
     if isinstance(settings, Guided):
         guide = guide_for(task, settings, bundle)
         joint = partial(combine_teams, hierarchical_batch, task.robots) if settings.joint else None
-        sample = sampled(partial(_field, bundle, settings), guide, joint)
+        worth = _worth(settings, bundle) if settings.value_scale else None
+        sample = sampled(partial(_field, bundle, settings), guide, joint, worth)
         return carrying(eased(sample, bundle.manifest, guide.ease_m), bundle.manifest)
     if isinstance(settings, Mean):
         return _mean(bundle)
@@ -69,6 +73,21 @@ def guide_for(task: Task, settings: Guided, bundle: Bundle) -> Guide:
         requirements=() if preferred else corrected,
         steering=guide.steering._replace(terms=terms),
     )
+
+
+def _worth(settings: Guided, bundle: Bundle) -> Callable[[Observations], Worth]:
+    """What actions are worth to a policy's task.
+
+    Raises:
+        ConfigError: if nobody has fitted it.
+    """
+    value = load_value(value_path(bundle), digest(bundle.directory))
+
+    def worth(observation: Observations) -> Worth:
+        slopes = value.slopes(observation)
+        return Worth(lambda action: settings.value_scale * slopes(action), settings.value_first)
+
+    return worth
 
 
 class _Flat:

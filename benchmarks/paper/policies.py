@@ -4,9 +4,10 @@ import hashlib
 from pathlib import Path
 
 from edge_runtime.errors import ConfigError
-from edge_runtime.policy.bundle import MANIFEST_FILE
+from edge_runtime.policy.bundle import MANIFEST_FILE, Bundle
 from edge_runtime.policy.manifest_file import read_manifest
 
+VALUES = Path(__file__).parents[1] / "values"
 SEEDS = 10
 """Of every method in the tables."""
 FIRST_FRESH_SEED = 5
@@ -28,6 +29,18 @@ def find_policy(root: Path, task: str, algorithm: str, seed: int) -> Path:
         f"{directory}: no bundle of {algorithm} on {task} with seed {seed}; make it with "
         f"python -m export.train_all --scenarios {task} --algorithms {algorithm} --seeds {seed + 1}"
     )
+
+
+def value_path(bundle: Bundle) -> Path:
+    """Return where lies what actions are worth to a policy's task, see `export.values`.
+
+    Raises:
+        ConfigError: if the policy was trained elsewhere.
+    """
+    training = bundle.manifest.training
+    if training is None:
+        raise ConfigError(f"{bundle.directory}: a policy trained elsewhere, for no task of these")
+    return VALUES / training.scenario / training.algorithm / f"seed-{training.seed}.npz"
 
 
 def _check_origin(directory: Path, task: str, algorithm: str, seed: int) -> None:

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import msgspec
 
+from benchmarks.paper.settings import Guided
+
 ORACLE = Path(__file__).parents[1] / "results" / "oracle.json"
 
 
@@ -25,6 +27,8 @@ class Ended(_Row, frozen=True, kw_only=True, tag="ended"):
     """Of the policy's training."""
     policy: str
     """Digest of its manifest."""
+    settings: Guided
+    """What guided it."""
     failures: dict[str, tuple[int, ...]]
     """Numbers of the episodes that were not satisfied, by kind: see `oracle.endings`."""
 

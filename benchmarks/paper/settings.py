@@ -46,6 +46,10 @@ class Guided(_Settings, frozen=True, tag="guided"):
     """Gradients along the flow pulled back through it, eq. 11; else as they are at the terminal estimate."""
     corrected_as: Literal["their own", "preferences", "requirements"] = "their own"
     """What objectives count as at tau = 1."""
+    value_scale: float = 0.0
+    """kappa of J - kappa Q at tau = 1, Q what `export.values` fitted."""
+    value_first: bool = False
+    """Q is followed before J."""
 
     def algorithm(self, task: str) -> str:
         """The task's flow."""

@@ -1,5 +1,6 @@
 """Robots that know how far what they carry is from its goal."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,21 +20,28 @@ def carrying(make_decide: MakeDecide, observed: Observed) -> MakeDecide:
         observed: tells the fields of its observations; without a tracked object's way to its goal among them
             nothing is known of any.
     """
-    start, spans = 0, []
-    for field in observed.observation:
-        if isinstance(field, TrackedGoalOffset):
-            spans.append(slice(start, start + field.size))
-        start += field.size
-    if not spans:
+    left_m = distance_left(observed)
+    if left_m is None:
         return make_decide
 
     def prepare(batch: int) -> Decide:
         decide = make_decide(batch)
 
         def decide_carrying(seen: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
-            left_m = np.max([np.linalg.norm(seen[:, span], axis=1) for span in spans], 0)
-            return decide(seen, replace(views, left_m=left_m), draw)
+            return decide(seen, replace(views, left_m=left_m(seen)), draw)
 
         return decide_carrying
 
     return prepare
+
+
+def distance_left(observed: Observed) -> Callable[[Observations], Floats] | None:
+    """How far what is carried is from its goal, (B,), by observations (B, O); None where they do not tell."""
+    start, spans = 0, list[slice]()
+    for field in observed.observation:
+        if isinstance(field, TrackedGoalOffset):
+            spans.append(slice(start, start + field.size))
+        start += field.size
+    if not spans:
+        return None
+    return lambda seen: np.max([np.linalg.norm(seen[:, span], axis=1) for span in spans], 0)

@@ -14,7 +14,7 @@ from edge_runtime.guidance.guide import Guide
 from edge_runtime.policy.velocity_field import VelocityField
 from export.episodes.judges import Flags, Follower, motion
 from export.episodes.neighbourhood import Neighbourhood, Setting
-from export.evaluation.guidance import guided_actions
+from export.evaluation.guidance import Worth, guided_actions
 from export.evaluation.outlook import TeamBatch
 from export.evaluation.projection import BatchCombine
 from export.scenarios.scenario import Scenario
@@ -33,7 +33,10 @@ def nobody(_world: Scenario, _running: Flags) -> None:
 
 
 def sampled(
-    prepare: Callable[[int], VelocityField], guide: Guide, combine: BatchCombine | None = None
+    prepare: Callable[[int], VelocityField],
+    guide: Guide,
+    combine: BatchCombine | None = None,
+    worth: Callable[[Observations], Worth] | None = None,
 ) -> MakeDecide:
     """Decide by a flow's samples under guidance.
 
@@ -41,6 +44,7 @@ def sampled(
         prepare: the flow, for B observations at once.
         guide: what steers.
         combine: what resolves conflicts along the flow; the guide's own projection where None.
+        worth: what counts beside objectives, by what robots observe.
     """
 
     def prepared(batch: int) -> Decide:
@@ -48,7 +52,8 @@ def sampled(
 
         def decide(observation: Observations, views: TeamBatch, draw: np.random.Generator) -> Floats:
             start = guide.start_noise * draw.standard_normal((batch, policy.action_dim))
-            return guided_actions(policy, observation, views, guide, start, combine)
+            also = worth(observation) if worth else None
+            return guided_actions(policy, observation, views, guide, start, combine, also)
 
         return decide
 

@@ -1,6 +1,7 @@
 """`edge_runtime.guidance.flow` for B robots: the mathematics and its reasons stand there."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,15 @@ from export.evaluation.outlook import OutlookBatch, TeamBatch, look_ahead_batch
 from export.evaluation.projection import BATCH, BatchCombine, cone_batch
 
 
+class Worth(NamedTuple):
+    """What actions are worth to their task beside what objectives cost: kappa Q in J - kappa Q."""
+
+    slopes: Callable[[Floats], Floats]
+    """B actions (B, d) -> kappa dQ/da (B, d)."""
+    first: bool
+    """Followed before the preferences instead of against them, within their reach either way."""
+
+
 def guided_actions(
     policy: VelocityField,
     observation: npt.NDArray[np.float32],
@@ -22,17 +32,19 @@ def guided_actions(
     guide: Guide,
     start: Floats,
     combine: BatchCombine | None = None,
+    worth: Worth | None = None,
 ) -> Floats:
     """Sample the actions of B robots: observation (B, O), start (B, d) -> (B, d).
 
-    ``combine`` resolves conflicts along the flow; the guide's own projection where None.
+    ``combine`` resolves conflicts along the flow; the guide's own projection where None. ``worth`` counts in
+    the correction.
 
     A policy that takes all steps at once does so for all robots in one call. There is no deadline and no
     check for faults: a non-finite input leaves its own row non-finite.
     """
     policy.observe(observation)
     steering, sampler = guide.steering, policy.sampler
-    if combine is None and sampler and sampler.knows(steering) and not _in_python(steering):
+    if combine is None and worth is None and sampler and sampler.knows(steering) and not _in_python(steering):
         action = np.array(start, np.float64)
         sampler.sample_batch(steering, *_views(team, guide), action)
         return action
@@ -55,8 +67,27 @@ def guided_actions(
             guidance = combine(gradients, factors, velocity)
         before, network = network, step.network(action, velocity)
         action = step.end(action, network, before, guidance)
-    if guide.preferences:
-        action = _preferred(action, outlooks, guide, reach_batch(guide.asked.guidance, team))
+    return _corrected(action, outlooks, team, guide, worth)
+
+
+def corrected_actions(action: Floats, team: TeamBatch, guide: Guide) -> Floats:
+    """Move finished actions (B, d): `edge_runtime.guidance.correction` for B robots."""
+    outlooks = [
+        look_ahead_batch(team, preview, horizon_s)
+        for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
+    ]
+    return _corrected(action, outlooks, team, guide, None)
+
+
+def _corrected(
+    action: Floats, outlooks: Sequence[OutlookBatch], team: TeamBatch, guide: Guide, worth: Worth | None
+) -> Floats:
+    reach = reach_batch(guide.asked.guidance, team)
+    if worth and worth.first:
+        action = _within(action, worth.slopes(action), reach)
+    against = worth if worth and not worth.first else None
+    if guide.preferences or against:
+        action = _preferred(action, outlooks, guide, reach, against)
     if guide.requirements:
         action = _required(action, outlooks, guide)
     return action
@@ -91,7 +122,13 @@ def reach_batch(guidance: GuidanceSettings, team: TeamBatch) -> Floats:
     return reach
 
 
-def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide, reach: Floats) -> Floats:
+def _preferred(
+    sampled: Floats,
+    outlooks: Sequence[OutlookBatch],
+    guide: Guide,
+    reach: Floats,
+    against: Worth | None,
+) -> Floats:
     """Move finished actions (B, d) as preferences wish, within their reach (B,)."""
     members, weights = (
         list(guide.preferences),
@@ -100,10 +137,18 @@ def _preferred(sampled: Floats, outlooks: Sequence[OutlookBatch], guide: Guide, 
     action = sampled
     for _ in range(PREFERENCE_STEPS):
         _, slopes = action_slopes(guide, outlooks, action)
-        move = action - PREFERENCE_RATE * np.einsum("m,mbd->bd", weights, slopes[members]) - sampled
-        length = np.linalg.norm(move, axis=-1, keepdims=True)
-        action = sampled + move * np.minimum(1.0, reach[:, None] / np.maximum(length, TINY))
+        slope = np.einsum("m,mbd->bd", weights, slopes[members])
+        if against:
+            slope = slope - against.slopes(action)
+        action = _within(sampled, action - PREFERENCE_RATE * slope - sampled, reach)
     return action
+
+
+def _within(sampled: Floats, move: Floats, reach: Floats) -> Floats:
+    """Move actions (B, d) by (B, d), as far as their reach (B,)."""
+    length = np.linalg.norm(move, axis=-1, keepdims=True)
+    moved: Floats = sampled + move * np.minimum(1.0, reach[:, None] / np.maximum(length, TINY))
+    return moved
 
 
 def _required(action: Floats, outlooks: Sequence[OutlookBatch], guide: Guide) -> Floats:

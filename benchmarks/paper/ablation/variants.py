@@ -1,6 +1,7 @@
 """What the ablation changes about the tuned default, a variant at a time, and why."""
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import msgspec
@@ -17,6 +18,7 @@ UNLIMITED = 1e3
 """A reach that no action can use up."""
 EASES_CM = (0, 5, 10, 15)
 USUAL_REACH = GuidanceSettings().reach
+VALUE_SCALES = (0.1, 0.3)
 LOSSES = (0.2, 0.5, 0.8)
 
 
@@ -59,6 +61,7 @@ def variants(task: Task, tuned: Guided, descent: Descent, shield: Shield) -> Ite
         yield _changed("belief off", reason, tuned, belief=False)
     if tuned.guidance.goal_reach is not None:
         yield from _waiting(tuned)
+    yield from _values(tuned)
     yield from _priorities(task, tuned)
     yield from _look_aheads(task, tuned)
     yield from _network(task, tuned)
@@ -124,6 +127,18 @@ def _waiting(tuned: Guided) -> Iterator[Variant]:
     usual = replace(near, reach=USUAL_REACH)
     reason = "No more at the goal, and more underway."
     yield _changed(f"reach {USUAL_REACH:g} everywhere", reason, tuned, guidance=usual)
+
+
+def _values(tuned: Guided) -> Iterator[Variant]:
+    """What actions are worth to the task counts beside what objectives cost."""
+    for scale, first in product(VALUE_SCALES, (False, True)):
+        reason = (
+            "What actions are worth to the task is followed before preferences, within their reach."
+            if first
+            else "Preferences minimise J - kappa Q within their reach, Q what actions are worth to the task."
+        )
+        changes = {"value_scale": scale, "value_first": first}
+        yield _changed(f"value {scale:g}{' first' if first else ''}", reason, tuned, **changes)
 
 
 def _priorities(task: Task, tuned: Guided) -> Iterator[Variant]:

@@ -1,6 +1,6 @@
 """``python -m benchmarks oracle``: how much of each task anybody could satisfy, and how policies fail at it.
 
-On episodes beside the tables', drawn alike. The guided policies of all seeds play them first; those that none
+On the tables' own episodes. The guided policies of all seeds play them first; those that none
 of them satisfies are planned for, with the full state and over all robots' actions. Interrupt it and start it
 again as you like; ``chrt -i 0`` in front of it leaves the machine to others.
 """
@@ -14,15 +14,13 @@ from rich.progress import Progress
 
 from benchmarks.common.flags import COUNT, add_policies, make_parser
 from benchmarks.common.result_file import read_result, write_result
+from benchmarks.paper.evaluation import EVALUATION_SEED
 from benchmarks.paper.oracle.oracle_page import write_oracle
 from benchmarks.paper.oracle.questions import Oracle
 from benchmarks.paper.policies import SEEDS
 from benchmarks.paper.possible import ORACLE, Row
 from benchmarks.paper.tasks import TASKS
 from export.episodes.neighbourhood import Setting
-
-EPISODES_SEED = 2
-"""Of starts, goals and noise."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -35,7 +33,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", type=Path, default=ORACLE, metavar="FILE", help="the rows")
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    setting = Setting(episodes=options.episodes, episodes_seed=EPISODES_SEED)
+    setting = Setting(episodes=options.episodes, episodes_seed=EVALUATION_SEED)
     asked = [Oracle(task, setting, options.policies, options.seeds) for task in options.tasks]
     rows = read_result(options.json, list[Row], default=[])
     with Progress(disable=not sys.stderr.isatty()) as progress:

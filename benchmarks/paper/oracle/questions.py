@@ -54,7 +54,9 @@ class Oracle(NamedTuple):
 
     def ended(self, rows: Sequence[Row]) -> list[Ended]:
         """How the present policies' episodes ended, by seed."""
-        found = {(row.seed, row.policy): row for row in self.answers(rows) if isinstance(row, Ended)}
+        asked = tuned_default(self.task)
+        ended = [row for row in self.answers(rows) if isinstance(row, Ended) and row.settings == asked]
+        found = {(row.seed, row.policy): row for row in ended}
         keys = [(seed, digest(self._policy(seed))) for seed in range(self.seeds)]
         return [found[key] for key in keys if key in found]
 
@@ -63,8 +65,14 @@ class Oracle(NamedTuple):
         for seed in range(self.seeds):
             if seed not in have:
                 missed = failures(TASKS[self.task], self._decider(seed), self.setting)
-                policy = digest(self._policy(seed))
-                yield Ended(**self._common, commit=commit(), seed=seed, policy=policy, failures=missed)
+                yield Ended(
+                    **self._common,
+                    commit=commit(),
+                    seed=seed,
+                    policy=digest(self._policy(seed)),
+                    settings=tuned_default(self.task),
+                    failures=missed,
+                )
 
     def _ruled(self, known: Sequence[Row]) -> Iterator[Row]:
         if self.task != "sampling" or any(isinstance(row, Ruled) for row in known):

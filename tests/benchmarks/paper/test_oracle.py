@@ -16,6 +16,7 @@ from benchmarks.paper.oracle.oracle_page import endings_table, possible_table
 from benchmarks.paper.oracle.planning import changed, followed, improved, sampled, start_of, world_of
 from benchmarks.paper.oracle.relaxation import least_radius, never_gathered
 from benchmarks.paper.possible import Ended, Planned, Row, Ruled, possible
+from benchmarks.paper.settings import UNGUIDED
 from benchmarks.paper.tasks import TASKS
 from benchmarks.paper.tuning import tuned_default
 from edge_runtime.policy.bundle import packaged_bundle
@@ -124,8 +125,8 @@ def row(kind, **fields):
 
 
 ROWS = [
-    row(Ended, seed=0, policy="p", failures={"radius": (1, 2), "samples": (3,)}),
-    row(Ended, seed=1, policy="q", failures={"radius": (1, 2, 3, 4)}),
+    row(Ended, seed=0, policy="p", settings=UNGUIDED, failures={"radius": (1, 2), "samples": (3,)}),
+    row(Ended, seed=1, policy="q", settings=UNGUIDED, failures={"radius": (1, 2, 3, 4)}),
     row(Ruled, impossible=(2,)),
     row(Planned, episode=1, plans=5, missing=0.0),
     row(Planned, episode=3, plans=5, missing=0.2),
@@ -152,7 +153,8 @@ def test_the_command_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     assert oracle_command.main(asked) == 0
     rows = read_result(path, list[Row])
     assert {type(one) for one in rows} >= {Ended, Ruled}
-    path.write_bytes(msgspec.json.encode(rows[1:]))
+    other = msgspec.structs.replace(next(one for one in rows if isinstance(one, Ended)), settings=UNGUIDED)
+    path.write_bytes(msgspec.json.encode([other, *rows[1:]]))
     assert oracle_command.main(asked) == 0
-    assert sorted(map(str, read_result(path, list[Row]))) == sorted(map(str, rows))
+    assert sorted(map(str, read_result(path, list[Row]))) == sorted(map(str, [other, *rows]))
     assert "possible at least" in capsys.readouterr().out

@@ -13,10 +13,10 @@ from team_batches import as_batch
 from edge_runtime.guidance.flow import guided_action
 from edge_runtime.guidance.settings import Mode
 from edge_runtime.messages import TrackedObject
-from edge_runtime.objectives import Geofence, Passing, TrackedMargin
+from edge_runtime.objectives import Geofence, Passing, SpeedLimit, TrackedMargin
 from edge_runtime.policy.flow_steps import SAMPLERS
 from edge_runtime.policy.numpy_policy import FlowPolicy
-from export.evaluation.guidance import guided_actions
+from export.evaluation.guidance import Worth, guided_actions
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
@@ -83,3 +83,45 @@ def test_one_row_that_is_not_finite_leaves_the_others_alone(make_backend):
     wrong = guided_actions(policy, observations, teams, guide, starts)
     assert np.isnan(wrong[1]).all()
     np.testing.assert_array_equal(wrong[[0, 2]], right[[0, 2]])
+
+
+def sampled_teams(draw, count=20):
+    """Policy, observations, teams and starts of so many robots."""
+    policy = FlowPolicy(random_weights(), 4, count)
+    observations = draw.standard_normal((count, 18)).astype(np.float32)
+    teams = as_batch([random_team(draw) for _ in range(count)])
+    return policy, observations, teams, draw.standard_normal((count, 2))
+
+
+def uphill(action):
+    """Slopes of what is worth most at the origin."""
+    return -action
+
+
+def test_what_is_worth_most_is_gone_to_within_reach():
+    policy, *seen = sampled_teams(np.random.default_rng(8))
+    guide = guide_for([SpeedLimit(limit_m_s=100.0)], mode="correction", reach=0.4)
+    observations, teams, starts = seen
+    plain = guided_actions(policy, observations, teams, guide, starts)
+    length = np.linalg.norm(plain, axis=1, keepdims=True)
+    assert (length < 0.4).any()
+    assert (length > 0.4).any()
+    first = guided_actions(policy, observations, teams, guide, starts, worth=Worth(uphill, first=True))
+    np.testing.assert_allclose(first, plain * np.maximum(0.0, 1.0 - 0.4 / length), atol=1e-12)
+    against = guided_actions(policy, observations, teams, guide, starts, worth=Worth(uphill, first=False))
+    moved = np.linalg.norm(against - plain, axis=1, keepdims=True)
+    assert (moved <= 0.4 + 1e-12).all()
+    assert (np.linalg.norm(against, axis=1, keepdims=True) <= length + 1e-12).all()
+    assert (moved > 0.5 * np.minimum(length, 0.4)).all()
+
+
+def test_preferences_that_come_after_what_is_worth_most_still_have_their_reach():
+    policy, observations, teams, starts = sampled_teams(np.random.default_rng(9))
+    guide = guide_for(WISHES, mode="correction", reach=0.2)
+    alone = replace(guide, preferences=(), requirements=())
+    worth = Worth(uphill, first=True)
+    begun = guided_actions(policy, observations, teams, alone, starts, worth=worth)
+    wished = guided_actions(policy, observations, teams, guide, starts, worth=worth)
+    moved = np.linalg.norm(wished - begun, axis=1)
+    assert (moved <= 0.2 + 1e-12).all()
+    assert moved.max() > 0.1
