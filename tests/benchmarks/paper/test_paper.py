@@ -397,8 +397,9 @@ def test_the_success_table_shows_what_was_not_run():
 def test_success_is_told_as_a_share_of_what_the_oracle_knows_of_the_same_episodes():
     rows = [some_row(seed=seed) for seed in (0, 1)]
     same = {"task": "navigation", "definition": "definition", "episodes": 10, "commit": ""}
-    ended = Ended(**same, episodes_seed=1, seed=0, policy="p", failures={"late": (3, 4)})
-    other = Ended(**same, episodes_seed=2, seed=0, policy="p", failures={"late": tuple(range(10))})
+    same |= {"seed": 0, "policy": "p", "settings": UNGUIDED}
+    ended = Ended(**same, episodes_seed=1, failures={"late": (3, 4)})
+    other = Ended(**same, episodes_seed=2, failures={"late": tuple(range(10))})
     table = share_table(rows, [ended, other])
     assert "| CFPG | 125.0 ± 0.0 | unknown | unknown |" in table
     assert "| possible, % of all episodes | 80.0 to 100.0 | unknown | unknown |" in table
