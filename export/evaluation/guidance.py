@@ -48,10 +48,7 @@ def guided_actions(
         action = np.array(start, np.float64)
         sampler.sample_batch(steering, *_views(team, guide), action)
         return action
-    outlooks = [
-        look_ahead_batch(team, preview, horizon_s)
-        for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
-    ]
+    outlooks = _outlooks(team, guide)
     action = np.array(start, np.float64)
     guidance = network = np.zeros_like(action)
     factors, combine = np.array(guide.factors), combine or BATCH[guide.projection]
@@ -72,11 +69,15 @@ def guided_actions(
 
 def corrected_actions(action: Floats, team: TeamBatch, guide: Guide) -> Floats:
     """Move finished actions (B, d): `edge_runtime.guidance.correction` for B robots."""
-    outlooks = [
+    return _corrected(action, _outlooks(team, guide), team, guide, None)
+
+
+def _outlooks(team: TeamBatch, guide: Guide) -> list[OutlookBatch]:
+    """What the objectives see."""
+    return [
         look_ahead_batch(team, preview, horizon_s)
         for preview, horizon_s in zip(guide.previews, guide.horizons_s, strict=True)
     ]
-    return _corrected(action, outlooks, team, guide, None)
 
 
 def _corrected(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from benchmarks.common.flags import POLICIES
 from benchmarks.paper import evaluation
 from benchmarks.paper.ablation import ablation_command as ablation
 from benchmarks.paper.ablation.ablation_page import ablation_table
@@ -13,10 +14,11 @@ from benchmarks.paper.ablation.variants import variants
 from benchmarks.paper.candidates import candidates
 from benchmarks.paper.episodes import run_episodes
 from benchmarks.paper.methods import combine_teams, decider, guide_for
+from benchmarks.paper.policies import find_policy
 from benchmarks.paper.rows import Row
 from benchmarks.paper.tasks import TASKS
 from edge_runtime.errors import ConfigError
-from edge_runtime.policy.bundle import packaged_bundle
+from edge_runtime.policy.bundle import load_bundle, packaged_bundle
 from export.episodes.neighbourhood import Neighbourhood, Setting
 from export.evaluation.projection import hierarchical_batch
 
@@ -37,8 +39,15 @@ CASES = [(task, variant) for task in TASKS for variant in by_name(task).values()
 def test_every_variant_runs(task, variant):
     setting = Setting(episodes=2, episodes_seed=5, **variant.circumstances)
     brief = replace(TASKS[task], steps=8)
-    outcome = run_episodes(brief, decider(brief, variant.settings, packaged_bundle(task)), setting)
+    bundle = load_bundle(find_policy(POLICIES, task, variant.settings.algorithm(task), 0))
+    outcome = run_episodes(brief, decider(brief, variant.settings, bundle), setting)
     assert np.isfinite(outcome.nominal).all()
+
+
+def test_what_actions_are_worth_is_judged_for_the_policy_that_it_was_fitted_to():
+    asked = by_name("balance")["value 0.1"].settings
+    with pytest.raises(ConfigError, match="judges another policy"):
+        decider(TASKS["balance"], asked, packaged_bundle("balance"))
 
 
 @pytest.mark.parametrize("task", TASKS)
