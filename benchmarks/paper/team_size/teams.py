@@ -130,7 +130,7 @@ def chapters() -> dict[str, list[Asked]]:
 
 
 def _whole(team: Team) -> Asked:
-    return Asked(team, SEEDS, 100 if team.near or team.robots > 16 else 1000)
+    return Asked(team, SEEDS, 1000 if team.robots <= 16 else 100)
 
 
 def _glance(teams: Sequence[Team]) -> list[Asked]:
