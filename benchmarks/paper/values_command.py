@@ -1,6 +1,6 @@
 """``python -m benchmarks values``: what actions are worth to their tasks, for the ablation's rows of that.
 
-Fits a network for every policy of the tuned default that has none yet, half a minute each. Interrupt it and
+Fits a network for every policy of the tuned default that has none yet, about a minute each. Interrupt it and
 start it again as you like.
 """
 

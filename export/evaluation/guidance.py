@@ -67,6 +67,16 @@ def guided_actions(
     return _corrected(action, outlooks, team, guide, worth)
 
 
+def unguided_actions(policy: VelocityField, observation: npt.NDArray[np.float32], start: Floats) -> Floats:
+    """Sample the actions of B robots that nothing guides: observation (B, O), start (B, d) -> (B, d)."""
+    policy.observe(observation)
+    action, network = start, np.zeros_like(start)
+    for k, step in enumerate(policy.schedule):
+        before, network = network, step.network(action, policy.velocity(k, action))
+        action = step.end(action, network, before, 0.0)
+    return action
+
+
 def corrected_actions(action: Floats, team: TeamBatch, guide: Guide) -> Floats:
     """Move finished actions (B, d): `edge_runtime.guidance.correction` for B robots."""
     return _corrected(action, _outlooks(team, guide), team, guide, None)

@@ -22,6 +22,7 @@ from edge_runtime.observation import ObservationField
 from edge_runtime.policy.bundle import Bundle
 from edge_runtime.policy.manifest import Manifest
 from export.bundle.facts import Facts
+from export.evaluation.guidance import unguided_actions
 from export.scenarios import make_scenario
 
 TEAMS: Final = 500
@@ -59,12 +60,8 @@ def roll_out(bundle: Bundle, teams: int = TEAMS, episodes: int = EPISODES, seed:
         for _ in range(world.facts.training_steps):
             observation = world.observe().flatten(0, 1).numpy()
             extremes = _widened(extremes, observation)
-            policy.observe(observation)
-            action = noise * draw.standard_normal((len(observation), manifest.action_dim))
-            network = np.zeros_like(action)
-            for k, step in enumerate(policy.schedule):
-                before, network = network, step.network(action, policy.velocity(k, action))
-                action = step.end(action, network, before, 0.0)
+            start = noise * draw.standard_normal((len(observation), manifest.action_dim))
+            action = unguided_actions(policy, observation, start)
             taken = np.clip(action, low, high).reshape(teams, -1, manifest.action_dim)
             world.reset(world.step(torch.from_numpy(taken).float()).terminated)
         world.reset(torch.ones(teams, dtype=torch.bool))

@@ -7,12 +7,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from edge_runtime.common.arrays import Floats
 from edge_runtime.policy.bundle import Bundle
-from edge_runtime.policy.velocity_field import VelocityField
 from export.algorithms.gae import advantages
 from export.algorithms.networks import Critic, team_views
 from export.common.distributed import CPU
+from export.evaluation.guidance import unguided_actions
 from export.scenarios import make_scenario
 from export.values.action_value import ActionValue
 from export.values.guided_teams import GuidedTeams
@@ -74,7 +73,7 @@ def fit_value(bundle: Bundle, scenario: str, policy: str, seed: int, teams: int 
     hidden = [layer for a, b in pairwise(widths) for layer in (nn.Linear(a, b), nn.SiLU())]
     network = nn.Sequential(*hidden, nn.Linear(WIDTH, 1))
     _regress(network, given, advantage, EPOCHS)
-    return _exported(network, mean, deviation, policy)
+    return exported(network, mean, deviation, policy)
 
 
 @torch.no_grad()
@@ -86,7 +85,7 @@ def _explore(bundle: Bundle, world: GuidedTeams, seed: int) -> _Explored:
         for step in range(facts.training_steps):
             observation = world.observe()
             start = draw.standard_normal((shape[0] * shape[1], shape[2]))
-            action = _sampled(field, observation.flatten(0, 1).numpy(), start)
+            action = unguided_actions(field, observation.flatten(0, 1).numpy(), start)
             action += NOISE * draw.standard_normal(action.shape)
             transition = world.step(torch.from_numpy(action.reshape(shape)).float())
             over = transition.terminated | (step == facts.training_steps - 1)
@@ -95,16 +94,6 @@ def _explore(bundle: Bundle, world: GuidedTeams, seed: int) -> _Explored:
             if over.any():
                 world.reset(over)
     return _Explored(*map(torch.stack, zip(*rows, strict=True)))
-
-
-def _sampled(field: VelocityField, observation: Floats, start: Floats) -> Floats:
-    """Integrate a flow, unguided."""
-    field.observe(observation)
-    action, network = start, np.zeros_like(start)
-    for k, step in enumerate(field.schedule):
-        before, network = network, step.network(action, field.velocity(k, action))
-        action = step.end(action, network, before, 0.0)
-    return action
 
 
 def _advantages(seen: _Explored, discount: float) -> Tensor:
@@ -144,7 +133,7 @@ def _regress(network: nn.Module, given: Tensor, wanted: Tensor, epochs: int) -> 
             schedule.step()
 
 
-def _exported(network: nn.Sequential, mean: Tensor, deviation: Tensor, policy: str) -> ActionValue:
+def exported(network: nn.Sequential, mean: Tensor, deviation: Tensor, policy: str) -> ActionValue:
     """The network, what normalises its observations folded into it."""
     first, second, last = (layer for layer in network if isinstance(layer, nn.Linear))
     size = len(mean)

@@ -31,7 +31,7 @@ class GuidedTeams:
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         self.scenario, self.facts = scenario, scenario.facts
-        self.environments, self.device = scenario.environments, scenario.device
+        self.environments = scenario.environments
         asked = (varied(self.facts.name, seed + way).asked for way in range(WAYS))
         guided = np.arange(int(SHARE * self.environments))
         self._guides: list[tuple[np.ndarray, Guide]] = [

@@ -1,13 +1,18 @@
 """Reflected experience: what the simulator says that a mirrored team sees and earns."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
+from export.algorithms.base import TrainingSettings
 from export.algorithms.mafpo import Mafpo
 from export.algorithms.mafpo_chain import MafpoChain
 from export.algorithms.mappo import Mappo
+from export.common.distributed import Workers
 from export.scenarios import make_scenario, scenario_facts
 from export.training.reflection import Experience, with_reflection
+from export.training.trainer import Trainer
 
 FACTS = scenario_facts("balance")
 SIGNS = torch.tensor(FACTS.mirror.action)
@@ -75,3 +80,24 @@ def test_flow_times_of_a_trace_are_not_reflected():
     learner = Mafpo(FACTS.observation_dim, 2)
     trace = experience(learner).trace
     assert torch.equal(learner.reflect_trace(trace, SIGNS)[..., 2::3], trace[..., 2::3])
+
+
+def test_a_mirrored_task_is_learned_from_both_ways_in_as_many_steps():
+    def steps(mirror):
+        torch.manual_seed(0)
+        teams = make_scenario("balance", 8, 0, torch.device("cpu"), training=True)
+        teams.facts = replace(FACTS, mirror=mirror)
+        settings = TrainingSettings(environments=8, steps=4, minibatch=40, epochs=2)
+        learner = Mappo(FACTS.observation_dim, 2)
+        trainer = Trainer(teams, learner, settings, torch.Generator().manual_seed(0), Workers())
+        rollout = trainer.collector.collect(learner, 4, lambda seen: seen[..., 0] * 0)
+        batch, sizes = trainer.prepare(rollout), []
+        step = trainer._gradient_step
+        trainer._gradient_step = lambda rows: (sizes.append(len(rows.advantage)), step(rows))[1]
+        trainer.update(batch)
+        return len(batch.advantage), sizes
+
+    samples, plain = steps(None)
+    both, mirrored = steps(FACTS.mirror)
+    assert both == 2 * samples
+    assert mirrored == plain

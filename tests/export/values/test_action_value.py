@@ -9,7 +9,7 @@ import torch
 from edge_runtime.errors import ConfigError
 from edge_runtime.policy.bundle import load_bundle
 from export.values.action_value import load_value, save_value
-from export.values.fit import fit_value
+from export.values.fit import exported, fit_value
 
 BALANCE = Path(__file__).parents[3] / "edge_runtime" / "bundles" / "balance"
 
@@ -37,6 +37,20 @@ def test_slopes_are_those_of_the_network(value):
     slopes = value.slopes(observation.numpy())(action.detach().numpy())
     np.testing.assert_allclose(slopes, action.grad.numpy(), rtol=1e-9, atol=1e-12)
     assert np.abs(slopes).max() > 1e-3
+
+
+def test_what_is_exported_is_what_was_fitted_to_normalised_observations():
+    draw = torch.Generator().manual_seed(1)
+    widths = ((18, 64), (64, 64), (64, 1))
+    first, second, last = (torch.nn.Linear(*each) for each in widths)
+    network = torch.nn.Sequential(first, torch.nn.SiLU(), second, torch.nn.SiLU(), last)
+    mean, deviation = torch.randn(16, generator=draw), torch.rand(16, generator=draw) + 0.5
+    observation = torch.randn(32, 16, generator=draw)
+    action = torch.randn(32, 2, generator=draw, requires_grad=True)
+    network(torch.cat([(observation - mean) / deviation, action], 1)).sum().backward()
+    value = exported(network, mean, deviation, "of this policy")
+    slopes = value.slopes(observation.numpy())(action.detach().double().numpy())
+    np.testing.assert_allclose(slopes, action.grad.numpy(), rtol=1e-4, atol=1e-5)
 
 
 def test_a_file_gives_back_what_was_saved(tmp_path, value):
